@@ -24,7 +24,7 @@ from islandgp.bt.core.includes import MAX_FILES
 from islandgp.bt.core.kind import NodeKind, Sort
 from islandgp.bt.core.kinds import ABORTS, COUNTED, COUNTS, KINDS, POLICIES, SECONDS, TIMED
 from islandgp.bt.core.language import MAX_CHARACTERS, MAX_NUMBER
-from islandgp.bt.core.node_builder import MAX_NESTED, MAX_TERMS
+from islandgp.bt.core.node_builder import MAX_NESTED, MAX_OPERANDS, MAX_TERMS
 from islandgp.commands.setting import configured
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.running.app import main
@@ -113,6 +113,7 @@ def tables() -> dict[str, str]:
                     f"{MAX_INSTANCES:,}",
                 ),
                 ("comparisons and flags of a condition", f"{MAX_TERMS:,}"),
+                ("keys, numbers and operations in sums of a condition", f"{MAX_OPERANDS:,}"),
                 (
                     "levels of a condition: each `and`, `or`, `not` and `(` adds one",
                     f"{MAX_NESTED:,}",

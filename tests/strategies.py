@@ -4,7 +4,15 @@ from __future__ import annotations
 
 from hypothesis import strategies as st
 
-from islandgp.bt.core.condition import OPERATORS, Condition, ConditionExpr, combine, negate
+from islandgp.bt.core.arithmetic import SIGNS, Formula, Operation, Term, bounds, negative
+from islandgp.bt.core.condition import (
+    OPERATORS,
+    Condition,
+    ConditionExpr,
+    combine,
+    comparison,
+    negate,
+)
 from islandgp.bt.core.kinds import ABORTS, ALWAYS, KINDS, NAV2, POLICIES, REPEATS, TIMED
 from islandgp.bt.core.language import MAX_NUMBER
 from islandgp.bt.core.node import (
@@ -63,15 +71,50 @@ def compared_keys() -> st.SearchStrategy[Condition]:
     return st.builds(lambda op, names: Condition(names[0], op, 0.0, names[1]), operators, keys)
 
 
+def sums() -> st.SearchStrategy[Term]:
+    """Operations on keys and small numbers."""
+    number = st.sampled_from([0.0, 0.1, 0.5, 1.0, 2.0, 3.0])
+    leaf: st.SearchStrategy[Term] = st.one_of(number, st.sampled_from(_NUMBERS))
+
+    def operation(part: st.SearchStrategy[Term]) -> st.SearchStrategy[Term]:
+        two = st.builds(
+            lambda sign, *parts: Operation(sign, parts), st.sampled_from(SIGNS), part, part
+        )
+        return part.map(negative) | two
+
+    return st.recursive(leaf, operation, max_leaves=5).filter(_divides_well)
+
+
+def _divides_well(term: Term) -> bool:
+    """False if a number in the term is divided by 0, which the language refuses."""
+    if not isinstance(term, Operation):
+        return True
+    return all(map(_divides_well, term.parts)) and not (
+        term.sign == "/" and bounds(term.parts[1], {}) == (0, 0)
+    )
+
+
+def calculated() -> st.SearchStrategy[Condition]:
+    """Any comparison of sums."""
+    keyed = sums().filter(lambda term: isinstance(term, str | Operation) and bool(keys_of(term)))
+    return st.builds(comparison, keyed, st.sampled_from(OPERATORS), sums()).filter(
+        lambda compared: compared.key != compared.other
+    )
+
+
+def keys_of(term: str | Operation) -> tuple[str, ...]:
+    return (term,) if isinstance(term, str) else Formula(term).keys
+
+
 def conditions(
     thresholds: st.SearchStrategy[float] | None = None, *, pairs: bool = False
 ) -> st.SearchStrategy[ConditionExpr]:
     """Any condition of one to eight comparisons and flags.
 
-    `pairs`: comparisons of two keys, too.
+    `pairs`: comparisons of two keys, too, and of sums.
     """
     single = single_conditions(numbers() if thresholds is None else thresholds)
-    single = single | compared_keys() if pairs else single
+    single = single | compared_keys() | calculated() if pairs else single
 
     def joined(part: st.SearchStrategy[ConditionExpr]) -> st.SearchStrategy[ConditionExpr]:
         connectives = st.sampled_from(["and", "or"])

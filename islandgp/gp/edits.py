@@ -272,7 +272,7 @@ def _with_number(tree: Node, path: Path, number: float, place: int) -> Node:
     term = conditions[place]
     if term.operator in ("is", "not"):
         raise ValueError(f"expected a comparison with a number, found the flag {term.key}")
-    if term.other or isinstance(term.number, Named):
+    if not term.single or isinstance(term.number, Named):
         raise ValueError(f"expected a comparison with a number, found {condition_text(term)}")
     changed = with_term(condition, place, term._replace(number=float(number)))
     assert changed is not None

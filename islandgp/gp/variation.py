@@ -192,13 +192,13 @@ def _rejoined(
     """A condition with a part added, removed or changed."""
     parts, settings = list(terms(expr)), space.settings.conditions
     at = int(rng.integers(len(parts)))
-    key = space.vocabulary.keys[parts[at].key]
     if settings.joined and len(parts) < settings.terms and rng.random() < 0.5:
         new = combine(("and", "or")[rng.integers(2)], [parts[at], random_term(rng, space)])
         return with_term(expr, at, new) or expr
     if rng.random() < 0.5:
         return with_term(expr, at, None) or random_term(rng, space)
     if space.vocabulary.has_number(parts[at]) and rng.random() < 0.5:
+        key = space.vocabulary.keys[parts[at].key]
         return with_term(expr, at, _nudged(parts[at], key, nudge)) or expr
     return with_term(expr, at, random_term(rng, space)) or expr
 

@@ -24,9 +24,9 @@ def width(expr: ConditionExpr, vocabulary: Vocabulary) -> float:
         if expr.word == "not":
             return 1 - parts[0]
         return min(parts) if expr.word == "and" else max(parts)
-    key = vocabulary.keys[expr.key]
-    if expr.operator in ("is", "not") or expr.other:
+    if expr.operator in ("is", "not") or not expr.single:
         return 0.5
+    key = vocabulary.keys[expr.key]
     if key.words:
         return 1 / len(key.words) if expr.operator == "==" else 1 - 1 / len(key.words)
     share_below = min(1.0, max(0.0, (expr.number - key.low) / (key.high - key.low)))
@@ -75,7 +75,9 @@ def widened(expr: ConditionExpr, vocabulary: Vocabulary) -> float | None:
 
     None for another condition, and if the number is at the end of the key's range.
     """
-    if not isinstance(expr, Condition) or expr.other or expr.operator not in ("<", "<=", ">", ">="):
+    if not isinstance(expr, Condition) or not expr.single:
+        return None
+    if expr.operator not in ("<", "<=", ">", ">="):
         return None
     key = vocabulary.keys[expr.key]
     step = WIDENING_STEP * (key.high - key.low) * (1 if expr.operator in ("<", "<=") else -1)

@@ -63,6 +63,8 @@ def textmate() -> str:
             "name": "keyword.operator.comparison",
             "match": "|".join(sorted(OPERATORS, key=len, reverse=True)),
         },
+        _rule(rf"[-+*/]\s*({_A_NAME})", _KEY),
+        {"name": "keyword.operator.arithmetic", "match": "[-+*/]"},
         {"name": "constant.numeric", "match": r"-?\b\d+(\.\d+)?\b"},
         {"name": "support.function", "match": _A_NAME},
     ]

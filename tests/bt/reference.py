@@ -8,7 +8,10 @@ keeps the last known truth of a guard, this one keeps the last blackboard.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator, Mapping
+
+import numpy as np
 
 from islandgp.bt.core.condition import Condition, ConditionExpr
 from islandgp.bt.core.engine import ABORTED
@@ -314,8 +317,8 @@ def holds(expr: ConditionExpr, board: list[float], places: Mapping[str, int]) ->
     if not isinstance(expr, Condition):
         inside = [holds(part, board, places) for part in expr.parts]
         return {"and": all(inside), "or": any(inside), "not": not inside[0]}[expr.word]
-    value = board[places[expr.key]]
-    number = board[places[expr.other]] if expr.other else expr.number
+    value = value_of(expr.key, board, places)
+    number = value_of(expr.other, board, places) if expr.other else expr.number
     return {
         "<": value < number,
         "<=": value <= number,
@@ -326,6 +329,13 @@ def holds(expr: ConditionExpr, board: list[float], places: Mapping[str, int]) ->
         "is": value != 0,
         "not": value == 0,
     }[expr.operator]
+
+
+def value_of(text: str, board: list[float], places: Mapping[str, int]) -> float:
+    """The value of a key or of a sum, in the arithmetic of IEEE 754."""
+    keys = {name: np.float64(board[place]) for name, place in places.items()}
+    with np.errstate(all="ignore"):
+        return float(eval(re.sub(r"(?<![\w.])([0-9.]+)", r"f(\1)", text), {"f": np.float64}, keys))
 
 
 def guards(branch: Live) -> Iterator[Live]:

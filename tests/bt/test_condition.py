@@ -89,7 +89,7 @@ def test_what_follows(first: ConditionExpr, second: ConditionExpr) -> None:
     assert not excludes((first,), second) or not any(a and b for a, b in truths)
     term_lists = [[*terms(each)] for each in (first, second)]
     if max(map(len, term_lists)) < 4 and not any(
-        term.other for each in term_lists for term in each
+        not term.single for each in term_lists for term in each
     ):
         assert implies((first,), second) == followed
 

@@ -198,7 +198,7 @@ def test_branching_in_the_library(xml: str) -> None:
 REFUSED = {
     "<IfThenElse><Go/><Stay/></IfThenElse>": "a condition as the first child of IfThenElse",
     "<WhileDoElse><Free/></WhileDoElse>": "two or three children",
-    '<Switch2 variable="{mode}" case_1="1"><Go/><Stay/></Switch2>': "mode is a number",
+    '<Switch2 variable="{mode}" case_1="1"><Go/><Stay/></Switch2>': "such as level",
     '<Go _skipIf="low"/>': "'_skipIf' is imported only in a Sequence or a Fallback",
     '<Go _onSuccess="x := 1"/>': "no equivalent of '_onSuccess' of Go",
     '<RecoveryNode number_of_retries="2"><Go/></RecoveryNode>': "expected two children, found 1",

@@ -22,6 +22,9 @@ COUNT: Final = "count"
 EQUAL: Final = "=="
 """The purpose of a number in a comparison by `==` or `!=`, besides that of the key."""
 
+WEIGHT: Final = "*"
+"""The purpose of a number in a sum, and of one that is compared with a sum."""
+
 Purposes: TypeAlias = frozenset[str]
 
 _NONE: Final[Purposes] = frozenset()
@@ -122,8 +125,15 @@ class _SlotReader:
                 yield from self._definition(str(name), parameters, body)
             case "constant", [name, word]:
                 yield _Slot(f"constant {name} =", _NONE, word, str(name))
-            case "comparison", [key, operator, word]:
+            case "comparison", [key, operator, word] if not (_is_sum(key) or _is_sum(word)):
                 yield from self._comparison(str(key), operator, word)
+            case "comparison" | "sum" | "product" | "negative", parts:
+                for part in parts:
+                    if _is_sum(part):
+                        yield from self.slots(part)
+                    elif part.type in ("NAME", "NUMBER"):  # or a key, which has no number
+                        label = " ".join(str(each) for each in parts if hasattr(each, "type"))
+                        yield _Slot(f"in {label}", frozenset({WEIGHT}), part)
             case "use", [name, passed]:
                 yield from self._use(str(name), passed.children)
             case "action", [name, values]:
@@ -180,3 +190,8 @@ class _SlotReader:
     def _key(self, name: str) -> str:
         """The purpose of a number that is compared with a key or a key parameter."""
         return f"{self._subtree}({name}" if name in self._parameters else name
+
+
+def _is_sum(part: Any) -> bool:
+    """True for a lark.Tree, False for a word."""
+    return hasattr(part, "children")

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
 from math import ceil, floor, inf, prod
 from typing import Final, TypeAlias
 
+from islandgp.bt.core.arithmetic import Formula, bounds
 from islandgp.bt.core.condition import (
     WHOLE,
     Compound,
@@ -44,7 +45,7 @@ def excludes(premises: Conditions, expr: ConditionExpr) -> bool:
     """
     single = [c for c in premises if isinstance(c, Condition)]
     if isinstance(expr, Condition) and len(single) == len(premises):
-        return not _satisfiable([*(c for c in single if {*c.keys} == {*expr.keys}), expr])
+        return not _satisfiable([*(c for c in single if {*c.keys} <= {*expr.keys}), expr])
     return not _consistent(_related(premises, expr), expr)
 
 
@@ -75,7 +76,7 @@ def _word_count(expr: ConditionExpr) -> int:
 
 def _without_redundant(expr: ConditionExpr, premises: Conditions) -> ConditionExpr:
     """The condition without parts whose value follows from the other parts and `premises`."""
-    if isinstance(expr, Condition):
+    if isinstance(expr, Condition) or expr.word == "not":
         return expr
     parts = list(expr.parts)
     at = 0
@@ -125,7 +126,7 @@ def _consistent(premises: Conditions, expr: ConditionExpr) -> bool:
 
 def _case_count(expr: ConditionExpr) -> int:
     """The number of conjunctions in the disjunctive normal form of a condition in NNF."""
-    if isinstance(expr, Condition):
+    if isinstance(expr, Condition) or expr.word == "not":
         return 1
     return (prod if expr.word == "and" else sum)(map(_case_count, expr.parts))
 
@@ -140,6 +141,8 @@ def _any_case_holds(single: list[Condition], exprs: list[ConditionExpr]) -> bool
     first, *others = exprs
     if isinstance(first, Condition):
         return _any_case_holds([*single, first], others)
+    if first.word == "not":  # of a division by a key: it may hold
+        return _any_case_holds(single, others)
     if first.word == "and":
         return _any_case_holds(single, [*first.parts, *others])
     return any(_any_case_holds(single, [part, *others]) for part in first.parts)
@@ -148,16 +151,41 @@ def _any_case_holds(single: list[Condition], exprs: list[ConditionExpr]) -> bool
 def _satisfiable(conditions: Sequence[Condition]) -> bool:
     """True if there may be a blackboard on which all of these conditions hold.
 
-    A comparison of two keys is treated as a comparison of their difference with 0.
+    A comparison of two keys is treated as a comparison of their difference with 0, and a formula as
+    a number within the bounds that follow from the ranges of its keys.
     """
-    by_keys: dict[tuple[str, ...], list[Condition]] = {}
+    by_sides: dict[tuple[str, str], list[Condition]] = {}
     for each in map(ordered, conditions):
-        by_keys.setdefault(each.keys, []).append(each)
-    return all(map(_has_value, by_keys.values()))
+        by_sides.setdefault((each.key, each.other), []).append(each)
+    if any(isinstance(side, Formula) for sides in by_sides for side in sides):
+        ranges = {key: _range(each) for (key, other), each in by_sides.items() if not other}
+        for sides, asked in by_sides.items():
+            if any(isinstance(side, Formula) for side in sides):
+                asked += _within(*sides, ranges)
+    return all(map(_has_value, by_sides.values()))
+
+
+def _within(key: str, other: str, ranges: Mapping[str, tuple[float, float]]) -> Iterator[Condition]:
+    """The bounds of a side, or of the difference of two, as conditions."""
+    low, high = bounds(key.term if isinstance(key, Formula) else key, ranges)
+    if other:
+        low_other, high_other = bounds(other.term if isinstance(other, Formula) else other, ranges)
+        low, high = low - high_other, high - low_other
+    if low > -inf:
+        yield Condition(key, ">=", low, other)
+    if high < inf:
+        yield Condition(key, "<=", high, other)
+
+
+def _range(conditions: Sequence[Condition]) -> tuple[float, float]:
+    """The lowest and the highest number that conditions of a key allow."""
+    low = max((c.number for c in conditions if c.operator in (">", ">=", "==")), default=-inf)
+    high = min((c.number for c in conditions if c.operator in ("<", "<=", "==")), default=inf)
+    return low, high
 
 
 def _has_value(conditions: Sequence[Condition]) -> bool:
-    """True if a number satisfies all of these conditions, which have the same keys."""
+    """True if a number satisfies all of these conditions, which have the same sides."""
     # The bounds are (x, False), just below x, and (x, True), just above it.
     low, high = (-inf, False), (inf, True)
     excluded = set()

@@ -7,6 +7,8 @@ from functools import lru_cache
 from math import ceil, floor
 from typing import Final, NamedTuple, TypeAlias
 
+from islandgp.bt.core.arithmetic import Formula, Term, divide, python, side
+
 OPERATORS: Final = ("<", "<=", ">", ">=", "==", "!=")
 FLAG_OPERATORS: Final = ("is", "not")  # `when FLAG` and `when not FLAG`; their number is 0
 
@@ -17,15 +19,28 @@ Board: TypeAlias = Sequence[float]
 class Condition(NamedTuple):
     """One comparison, or one flag."""
 
-    key: str
+    key: str  # or a Formula of keys
     operator: str  # of OPERATORS or FLAG_OPERATORS
     number: float  # 0 for a flag and where two keys are compared; of a word, its index
-    other: str = ""  # the key on the right; "": the key is compared with the number
+    other: str = ""  # the key or Formula on the right; "": the key is compared with the number
 
     @property
     def keys(self) -> tuple[str, ...]:
-        """The keys that it reads: one or two."""
-        return (self.key, self.other) if self.other else (self.key,)
+        """The keys that it reads, each once."""
+        if self.single:
+            return (self.key,)
+        sides = (s.keys if isinstance(s, Formula) else (s,) for s in (self.key, self.other) if s)
+        return tuple(dict.fromkeys(key for names in sides for key in names))
+
+    @property
+    def single(self) -> bool:
+        """True for a flag, and for one key that is compared with a number or a word."""
+        return not self.other and not isinstance(self.key, Formula)
+
+    @property
+    def divides(self) -> bool:
+        """True if it divides by a key; then its negation is no comparison."""
+        return any(isinstance(s, Formula) and s.divides for s in (self.key, self.other))
 
 
 class Compound(NamedTuple):
@@ -59,6 +74,15 @@ OPPOSITE: Final = {
 
 MIRRORED: Final = {"<": ">", "<=": ">=", ">": "<", ">=": "<=", "==": "==", "!=": "!="}
 """The operator of the same comparison with its two sides exchanged."""
+
+
+def comparison(left: Term, operator: str, right: Term) -> Condition:
+    """A comparison of two terms; a number is on the right."""
+    if not isinstance(right, str | tuple):
+        return Condition(side(left), operator, right)
+    if not isinstance(left, str | tuple):
+        return Condition(side(right), MIRRORED[operator], left)
+    return Condition(side(left), operator, 0.0, side(right))
 
 
 def ordered(expr: Condition) -> Condition:
@@ -98,6 +122,8 @@ def negate(expr: ConditionExpr) -> ConditionExpr:
 
 def opposite(expr: ConditionExpr) -> ConditionExpr:
     """The negation of a condition, in negation normal form."""
+    if isinstance(expr, Condition) and expr.divides:
+        return Compound("not", (expr,))
     if isinstance(expr, Condition):
         return expr._replace(operator=OPPOSITE[expr.operator])
     if expr.word == "not":
@@ -106,7 +132,7 @@ def opposite(expr: ConditionExpr) -> ConditionExpr:
 
 
 def to_nnf(expr: ConditionExpr) -> ConditionExpr:
-    """The condition in negation normal form: no `not` is left."""
+    """The condition in negation normal form: `not` only negates a division."""
     if isinstance(expr, Condition):
         return expr
     if expr.word == "not":
@@ -147,7 +173,7 @@ def condition(
     """
     if isinstance(expr, Compound):
         return _compiled(_expression(expr, key_index))(board)
-    if expr.other:
+    if not expr.single:
         return _compiled(_expression(expr, key_index))(board)
     if expr.operator not in _CLOSURES:
         raise ValueError(_unknown_operator(expr.operator))
@@ -178,14 +204,19 @@ def _expression(expr: ConditionExpr, key_index: Mapping[str, int]) -> str:
     operator = {"is": "!=", "not": "=="}.get(expr.operator, expr.operator)
     if operator not in OPERATORS:
         raise ValueError(_unknown_operator(operator))
-    right = f"board[{key_index[expr.other]:d}]" if expr.other else repr(float(expr.number))
-    return f"(board[{key_index[expr.key]:d}] {operator} {right})"
+
+    def source(name: str) -> str:
+        term = name.term if isinstance(name, Formula) else name
+        return python(term, lambda key: f"board[{key_index[key]:d}]")
+
+    right = source(expr.other) if expr.other else repr(float(expr.number))
+    return f"({source(expr.key)} {operator} {right})"
 
 
 @lru_cache(maxsize=1024)
 def _compiled(expression: str) -> Callable[[Board], Callable[[], bool]]:
     # One closure for all parts: one call per part would make a tick two to five times slower.
     function: Callable[[Board], Callable[[], bool]] = eval(
-        f"lambda board: lambda: {expression}", {"__builtins__": {}}
+        f"lambda board: lambda: {expression}", {"__builtins__": {}, "divide": divide}
     )
     return function

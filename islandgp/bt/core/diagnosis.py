@@ -46,8 +46,10 @@ _SIGNS = {
 }  # fmt: skip
 """Operators and signs of other languages, with the correct form; longer ones first."""
 
-_TWO_SIGNS = {"=>": ">=", "=<": "<=", "<>": "!="}
+_TWO_SIGNS = {"=>": ">=", "=<": "<=", "<>": "!=", "//": _SIGNS["//"], "/*": _SIGNS["/*"]}
 """Operators of other languages that the parser reads as two signs."""
+
+_ARITHMETIC = {"PLUS", "MINUS", "TIMES", "DIVIDE"}
 
 _BLANK = _SIGNS[";"]
 
@@ -108,7 +110,9 @@ def syntax_error(
         if rest[0].isalpha():
             expected = "names of the letters a to z, digits and _"
         return source.error(message, error.line, error.column, expected=expected, guess=guess)
-    accepted = set(error.accepts)
+    accepted = set(error.accepts) - _ARITHMETIC  # not listed, as they are seldom meant
+    if "NOT" in accepted:
+        accepted.discard("NUMBER")
     if _takes_nothing(before, known):
         accepted.discard("LPAR")
     if error.token.type == "$END":
@@ -252,8 +256,6 @@ def _unexpected_word(
         message += f"; this node takes {takes}, so wrap several in a sequence or a selector"
     elif only == {"$END"}:
         message += "; a file holds one tree, after its subtrees"
-    elif token.type == "NUMBER" and "NOT" in accepted:
-        message += "; a comparison begins with its key"
     guess = _instead(source, token, before, accepted, vocabulary) or closest(
         token.strip('"'), spelled
     )

@@ -202,7 +202,7 @@ def words(text: str, rule: str = "library") -> Iterator[Token]:
 
 @cache
 def _parser(placed: bool = False) -> Lark:  # to know all places takes a tenth longer
-    from lark import Lark, __version__
+    from lark import Lark, Token, __version__
     from lark.lexer import BasicLexer
 
     if __version__.startswith("0."):
@@ -223,6 +223,13 @@ def _parser(placed: bool = False) -> Lark:  # to know all places takes a tenth l
 
         def lex(self, state: Any, parser_state: Any) -> Iterator[Token]:
             for token in super().lex(state, parser_state):
+                if token.type == "NUMBER" and token[0] == "-":
+                    accepted = parser_state.parse_conf.states[parser_state.position]
+                    if "NUMBER" not in accepted and "MINUS" in accepted:  # of `a -3`
+                        yield Token.new_borrow_pos("MINUS", "-", token)
+                        token = token.update(value=token[1:])
+                        token.start_pos = (token.start_pos or 0) + 1
+                        token.column = (token.column or 0) + 1
                 if token.type != "NAME" and token[0].isalpha():
                     accepted = parser_state.parse_conf.states[parser_state.position]
                     if token.type in accepted:

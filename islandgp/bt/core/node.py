@@ -255,12 +255,13 @@ def thresholds(tree: Node, key: str) -> tuple[float, ...]:
 
     While the key's value stays strictly between two neighbours, no comparison changes its truth.
     """
-    return tuple(sorted({term.number for term in asked_in(tree) if term.keys == (key,)}))
+    asked = asked_in(tree)
+    return tuple(sorted({term.number for term in asked if term.single and term.key == key}))
 
 
 def compares_keys(tree: Node, key: str) -> bool:
-    """True if a tree compares a key with another key."""
-    return any(term.other and key in term.keys for term in asked_in(tree))
+    """True if a tree compares a key with another key, or calculates with it."""
+    return any(not term.single and key in term.keys for term in asked_in(tree))
 
 
 def size(node: Node) -> int:

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Collection, Sequence
 from typing import Any, Final, TypeAlias
 
-from islandgp.bt.core.condition import Condition, ConditionExpr, combine, negate
+from islandgp.bt.core.arithmetic import Formula, Operation, Term, bounds, negative
+from islandgp.bt.core.condition import Condition, ConditionExpr, combine, comparison, negate
 from islandgp.bt.core.kind import Argument, Sort
 from islandgp.bt.core.kinds import KINDS
 from islandgp.bt.core.node import ActionArgs, Node, UseArgs, Value
@@ -14,9 +15,10 @@ from islandgp.bt.core.printer import Quoted, head, number_text
 from islandgp.bt.core.scope import Scope, ScopedWord
 from islandgp.bt.core.source import closest, shown
 from islandgp.bt.core.vocabulary import Key, Vocabulary
-from islandgp.errors import LimitError, UnknownNameError
+from islandgp.errors import LimitError, TreeError, UnknownNameError
 
 MAX_TERMS: Final = 16  # most comparisons and flags of a condition
+MAX_OPERANDS: Final = 64  # most keys, numbers and operations in the sums of a condition
 MAX_NESTED: Final = 16  # most levels; each `and`, `or`, `not` and `(` adds one
 
 # lark.Tree and lark.Token: trees mix both, at places determined by the grammar.
@@ -35,15 +37,22 @@ class _ConditionBuilder:
     def __init__(self, scope: Scope, vocabulary: Vocabulary | None) -> None:
         self._scope = scope
         self._vocabulary = vocabulary
-        self._terms = 0
+        self._terms = self._operands = 0
 
     def expression(self, tree: _Tree, level: int) -> ConditionExpr:
         """A condition or a part of one; `level`: of brackets and operators, from 1."""
         form, parts = str(tree.data), tree.children
+        if form == "flag" and getattr(parts[0], "data", "") == "brackets":
+            return self.expression(parts[0], level)
         if form in ("comparison", "flag"):
             self._terms += 1
-            self._bounded(parts[0], level)
-            name, compared = self._scope.word(parts[0]), parts[1:]
+            first = _first_word(tree)
+            self._bounded(first, level)
+            if first is not parts[0] or hasattr(parts[-1], "children"):
+                return self._calculated(first, parts, level)
+            if first.type == "NUMBER":
+                raise self._keyless(first)
+            name, compared = self._scope.word(first), parts[1:]
             key = self._key(name, *compared[1:])
             if form == "flag":
                 return Condition(name.text, "is", 0.0)
@@ -78,6 +87,74 @@ class _ConditionBuilder:
             raise unknown_word(word, name.text, key, self._comparable(name.text))
         value = self._scope.number(right)
         return Condition(name.text, str(operator), value)
+
+    def _calculated(self, first: _Token, parts: Sequence[Any], level: int) -> Condition:
+        """A comparison with an operation on either side."""
+        if len(parts) == 1:
+            raise self._scope.source.error_at(
+                first,
+                "a sum must be compared with a number or a sum",
+                expected="e.g. `when 0.5 * a + b > 1`",
+            )
+        left, operator, right = parts
+        term = self._term(left, level)
+        compared = comparison(term, str(operator), self._term(right, level))
+        if not isinstance(term, str) and not Formula(term).keys:
+            raise self._keyless(first)
+        return compared
+
+    def _term(self, tree: Any, level: int) -> Term:
+        """A part of a sum. Raises TreeError, also for too many parts."""
+        at = _first_word(tree)
+        self._operands += 1
+        if self._operands > MAX_OPERANDS or level > MAX_NESTED:
+            raise self._scope.source.error_at(
+                at,
+                "the sum is too long",
+                expected=f"at most {MAX_OPERANDS} keys, numbers and operations in a condition,"
+                f" {MAX_NESTED} levels",
+                kind=LimitError,
+            )
+        form = getattr(tree, "data", "")
+        if form == "negative":
+            return negative(self._term(tree.children[1], level + 1))
+        if form == "brackets" and tree.children[0].data == "flag":
+            return self._term(tree.children[0].children[0], level + 1)
+        if form == "brackets":
+            raise self._scope.source.error_at(
+                at, "a condition can't be a part of a sum", expected="keys and numbers"
+            )
+        if form:
+            left, sign, right = tree.children
+            terms = self._term(left, level), self._term(right, level)
+            if sign == "/" and bounds(terms[1], {}) == (0, 0):
+                raise self._scope.source.error_at(
+                    sign, "division by 0", expected="a number other than 0, or a key"
+                )
+            return Operation(str(sign), terms)
+        word = self._scope.word(tree)
+        if word.token.type == "NUMBER" or word.number is not None:
+            return self._scope.number(tree)
+        if not word.open and self._vocabulary is not None:
+            key = self._vocabulary.keys.get(word.text)
+            if key is None:
+                keys = [n for n, k in self._vocabulary.keys.items() if not (k.flag or k.words)]
+                raise self._scope.unknown_number(word, keys)
+            if key.flag or key.words:
+                raise word.error(
+                    f"{word.text} is {'a flag' if key.flag else key.kind} and can't be a part of a"
+                    " sum",
+                    expected="keys that are numbers, and numbers",
+                )
+        return word.text
+
+    def _keyless(self, first: _Token) -> TreeError:
+        keys = ", ".join(self._vocabulary.keys if self._vocabulary else ())
+        return self._scope.source.error_at(
+            first,
+            f"unexpected {shown(first)}; a comparison begins with its key",
+            expected="a key" + f": {keys}" * bool(keys),
+        )
 
     def _comparable(self, name: str) -> list[str]:
         is_key = self._vocabulary is not None and name in self._vocabulary.keys

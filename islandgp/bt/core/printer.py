@@ -6,10 +6,11 @@ Equal trees have equal texts, and parsing a text returns an equal tree.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from decimal import Decimal
 from functools import lru_cache
-from typing import Any, Self
+from typing import Any
 
+from islandgp.bt.core.arithmetic import Named as Named
+from islandgp.bt.core.arithmetic import number_text as number_text
 from islandgp.bt.core.condition import Compound, ConditionExpr
 from islandgp.bt.core.kind import Argument, Sort
 from islandgp.bt.core.kinds import CALLABLE, KINDS, NAME, RESERVED
@@ -27,20 +28,6 @@ from islandgp.bt.core.node import (
 WIDTH = 80  # columns of a line
 INDENT = "  "
 INLINE_LEVELS = 3  # most levels in one line
-
-
-class Named(float):
-    """A number that is printed as a name: of a constant or parameter, or a word of a key."""
-
-    def __new__(cls, name: str, value: float) -> Self:
-        named = super().__new__(cls, value)
-        named.name = name
-        return named
-
-    name: str
-
-    def __getnewargs__(self) -> tuple[str, float]:  # type: ignore[override]  # for pickle
-        return self.name, float(self)
 
 
 class Quoted(str):
@@ -91,15 +78,6 @@ def with_subtrees(tree: Node, *, comments: bool = True) -> str:
 
     root = define(tree)
     return "\n".join([*texts, text(root)])
-
-
-def number_text(value: float) -> str:
-    """A number without exponent and trailing zeros, `25`, `12.5`, or its name."""
-    if isinstance(value, Named):
-        return value.name
-    if value == int(value):
-        return str(int(value))
-    return format(Decimal(repr(float(value))), "f")
 
 
 def use_text(name: str, arguments: Sequence[str]) -> str:

@@ -155,6 +155,7 @@ Fitting: TypeAlias = frozenset[str]
 
 NUMBER: Final[Fitting] = frozenset({"number"})
 KEY: Final[Fitting] = frozenset({"key"})
+TERM: Final[Fitting] = NUMBER | KEY  # of a sum
 OPERAND: Final[Fitting] = frozenset({"number", "word", "key"})  # on the right of a comparison
 VALUE: Final[Fitting] = frozenset({"number", "word", "text"})  # of an action's argument
 NODE: Final[Fitting] = frozenset({"node"})
@@ -226,10 +227,13 @@ def name_places(tree: _Tree, templates: Mapping[str, Template]) -> Iterator[tupl
         part = waiting.pop()
         below: Sequence[Any] = ()
         match str(part.data), part.children:
-            case "comparison", [key, _, right]:
+            case "comparison", [key, _, right] if not hasattr(right, "children"):
                 yield from _names((key, KEY), (right, OPERAND))
-            case "flag", [key]:
-                yield key, KEY
+                below = [key]
+            case "comparison" | "flag", [*below]:
+                yield from _names((below[0], KEY), *((each, TERM) for each in below[1:]))
+            case "sum" | "product" | "negative", [*below]:
+                yield from _names(*((each, TERM) for each in below))
             case "action", [name]:
                 yield name, NODE
             case "action", [_, values]:

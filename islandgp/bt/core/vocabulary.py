@@ -337,8 +337,8 @@ class Vocabulary:
 
     def has_number(self, term: Condition) -> bool:
         """True if a condition compares a key with a number: neither a word nor another key."""
-        key = self.keys[term.key]
-        return not (key.flag or key.words or term.other)
+        key = self.keys.get(term.key)
+        return term.single and key is not None and not (key.flag or key.words)
 
     def leaf(self, name: str, values: Mapping[str, Value]) -> Node:
         """A leaf in its canonical form."""

@@ -16,7 +16,14 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final
 from xml.sax.saxutils import quoteattr
 
-from islandgp.bt.core.condition import Compound, Condition, ConditionExpr, terms, with_term
+from islandgp.bt.core.condition import (
+    OPPOSITE,
+    Compound,
+    Condition,
+    ConditionExpr,
+    terms,
+    with_term,
+)
 from islandgp.bt.core.kinds import KINDS, NAV2, TARGETS
 from islandgp.bt.core.node import (
     ActionArgs,
@@ -47,6 +54,7 @@ from islandgp.bt.export.plan import (
     separated,
     subtree_of,
 )
+from islandgp.bt.export.scripts import NOT_A_NUMBER
 from islandgp.errors import DomainError
 
 TREE_ID: Final = "Robot"
@@ -325,6 +333,8 @@ def _model(tag: str, name: str, ports: Sequence[str], comment: str = "") -> Iter
 def _script(expr: ConditionExpr) -> str:
     """A condition in the library's script language, in which && and || have equal precedence."""
     if isinstance(expr, Condition):
+        if expr.divides and expr.operator in NOT_A_NUMBER:
+            return f"!({condition_text(expr._replace(operator=OPPOSITE[expr.operator]))})"
         flag = {"is": expr.key, "not": f"!{expr.key}"}.get(expr.operator)
         return flag or condition_text(expr)
     inside = [

@@ -59,7 +59,7 @@ _IN_AND_OUT: Final = ("input_port", "output_port", "inout_port", "bidirectional_
 _SCRIPTS: Final = ("code", "condition", *PRECONDITIONS)  # attributes that ask the blackboard
 _TEXT: Final = re.compile("'[^']*'")
 _WORD: Final = re.compile(
-    r"(?P<before>[<>=!]=|[<>])?\s*\b(?P<word>[A-Za-z_]\w*)(?=\s*(?P<after>[<>=!]=|[<>])?)"
+    r"(?P<before>[<>=!]=|[-+*/<>])?\s*\b(?P<word>[A-Za-z_]\w*)(?=\s*(?P<after>[<>=!]=|[-+*/<>])?)"
 )
 
 
@@ -129,8 +129,9 @@ def words_as_keys(tree: Node, vocabulary: Vocabulary) -> list[str]:
     These are the words on the right of == and != that the tree compares in no other way.
     """
     asked = list(asked_in(tree))
+    equal = ("==", "!=")
     others = {term.key for term in asked}
-    others |= {term.other for term in asked if term.operator not in ("==", "!=")}
+    others |= {k for t in asked if t.operator not in equal or t.other not in t.keys for k in t.keys}
     undeclared = {name for name, key in vocabulary.keys.items() if key == _NUMBER_KEY}
     return sorted({term.other for term in asked} & undeclared - others)
 

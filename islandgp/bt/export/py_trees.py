@@ -13,8 +13,10 @@ import builtins
 import keyword
 import re
 from collections.abc import Iterator
+from inspect import getsource
 from typing import Final
 
+from islandgp.bt.core.arithmetic import Formula, divide, python
 from islandgp.bt.core.condition import Compound, Condition, ConditionExpr, terms
 from islandgp.bt.core.kind import Target
 from islandgp.bt.core.kinds import KINDS, NAV2
@@ -27,6 +29,7 @@ from islandgp.bt.core.node import (
     Node,
     ParallelArgs,
     SecondsArgs,
+    asked_in,
     keys_in,
     names_in,
     walk,
@@ -57,6 +60,7 @@ _SUBTREE: Final = '''def {name}(action):
 
 
 '''
+_DIVIDE: Final = f"import math\n\n\n{getsource(divide)}\n\n"
 _COMPARE: Final = {"<": "lt", "<=": "le", ">": "gt", ">=": "ge", "==": "eq", "!=": "ne"}
 
 
@@ -97,6 +101,7 @@ def to_python(
     planned = _bound(plan(tree, None if plain else differs), vocabulary)
     if any(part.target == KINDS["cooldown"].ours for part in parts(planned)):
         planned = TargetNode(_COUNTER, (), (planned,))
+    divides = any(term.divides for term in asked_in(tree))
     has_own_nodes = any(part.target.category for part in parts(planned))
     text = "".join(f"    {line}\n" for line in to_text(tree).splitlines())
     descriptions = {
@@ -116,7 +121,7 @@ def to_python(
     return module.format(
         text=_in_docstring(text),
         keys=_in_docstring(keys).rstrip("\n"),
-        own=_node_source() if has_own_nodes else "",
+        own=(_node_source() if has_own_nodes else "") + (_DIVIDE if divides else ""),
         subtrees="".join(functions),
         tree=_body(root, step_s),
     )
@@ -206,9 +211,11 @@ def _guard(part: TargetNode) -> GuardArgs:
 def _check(expr: ConditionExpr) -> str:
     """Behaviours of the library that succeed when a condition holds; they end in their tick."""
     if isinstance(expr, Condition):
+        if not expr.single:
+            name, keys = condition_text(expr), [*expr.keys]
+            return f"Holds({name!r}, {keys!r}, lambda blackboard: {_expression(expr)})"
         compare, value = _comparison(expr)
-        other = f", other={expr.other!r}" if expr.other else ""
-        return f"check({expr.key!r}, operator.{compare}, {value}{other})"
+        return f"check({expr.key!r}, operator.{compare}, {value})"
     inside = ", ".join(map(_check, expr.parts))
     if expr.word == "not":
         return f"Inverter('not', child={inside})"
@@ -229,13 +236,19 @@ def _condition(part: TargetNode) -> str:
 def _expression(expr: ConditionExpr) -> str:
     if isinstance(expr, Condition):
         compare, value = _comparison(expr)
-        value = f"blackboard.get({expr.other!r})" if expr.other else value
-        return f"operator.{compare}(blackboard.get({expr.key!r}), {value})"
+        value = _value(expr.other) if expr.other else value
+        return f"operator.{compare}({_value(expr.key)}, {value})"
     inside = [
         f"({_expression(part)})" if isinstance(part, Compound) else _expression(part)
         for part in expr.parts
     ]
     return f"not {inside[0]}" if expr.word == "not" else f" {expr.word} ".join(inside)
+
+
+def _value(side: str) -> str:
+    """The value of a key or a formula."""
+    term = side.term if isinstance(side, Formula) else side
+    return python(term, lambda key: f"blackboard.get({key!r})")
 
 
 def _comparison(expr: Condition) -> tuple[str, str]:

@@ -3,18 +3,35 @@
 from __future__ import annotations
 
 import re
-from typing import Final, NoReturn
+from typing import Final, NoReturn, TypeAlias
 
-from islandgp.bt.core.condition import Condition, ConditionExpr, combine, negate
-from islandgp.bt.core.node_builder import MAX_NESTED, MAX_TERMS
+from islandgp.bt.core.arithmetic import Operation, Term, bounds, negative
+from islandgp.bt.core.condition import (
+    OPERATORS,
+    OPPOSITE,
+    Compound,
+    Condition,
+    ConditionExpr,
+    combine,
+    comparison,
+    negate,
+)
+from islandgp.bt.core.kinds import NAME
+from islandgp.bt.core.node_builder import MAX_NESTED, MAX_OPERANDS, MAX_TERMS
 from islandgp.bt.core.scope import MAX_NUMBER
 from islandgp.bt.core.source import closest, shown
 from islandgp.bt.core.vocabulary import Key, Vocabulary
 
 _WORD: Final = re.compile(
-    r"\s*(&&|\|\||!(?!=)|\(|\)|(?P<key>[A-Za-z_]\w*)"
-    r"(?:\s*(?P<operator><=|>=|==|!=|<|>)\s*(?P<right>-?[0-9]+(?:\.[0-9]+)?(?![\w.])|'\w*'|[A-Za-z_]\w*))?)"
+    r"\s*(&&|\|\||[<>=!]=|[-+*/()<>!]|[0-9]+(?:\.[0-9]+)?(?![\w.])|'\w*'|[A-Za-z_]\w*)"
 )
+NOT_A_NUMBER: Final = ("<", "<=", ">", ">=")
+"""Operators by which 0 / 0 compares with any number in the library, and with none in trees."""
+
+_PRECEDENCE: Final = {"+": 1, "-": 1, "*": 2, "/": 2}
+
+_Value: TypeAlias = "Term | Condition | Compound"
+"""A part of a script: a name may be a key, a flag or a word, and a text keeps its quotes."""
 
 
 def read_condition(code: str, vocabulary: Vocabulary) -> ConditionExpr:
@@ -31,70 +48,122 @@ class _Script:
 
     def __init__(self, code: str, vocabulary: Vocabulary) -> None:
         self._code, self._vocabulary = code, vocabulary
-        self._at = self._terms = 0
+        self._at = self._terms = self._operands = 0
 
     def read(self) -> ConditionExpr:
-        condition = self._joined(1)
+        condition = self._condition(self._joined(1))
         if self._code[self._at :].strip():
             self._fail()
         return condition
 
-    def _joined(self, level: int) -> ConditionExpr:
-        condition = self._term(level)
+    def _joined(self, level: int) -> _Value:
+        value = self._compared(level)
         while (operator := self._peek()) in ("&&", "||"):
             self._take()
-            condition = combine({"&&": "and", "||": "or"}[operator], [condition, self._term(level)])
-        return condition
+            parts = [self._condition(value), self._condition(self._compared(level))]
+            value = combine({"&&": "and", "||": "or"}[operator], parts)
+        return value
 
-    def _term(self, level: int) -> ConditionExpr:
-        if level > MAX_NESTED or self._terms >= MAX_TERMS:
+    def _compared(self, level: int) -> _Value:
+        left = self._sum(level)
+        if (operator := self._peek()) not in OPERATORS:
+            return left
+        self._take()
+        return self._comparison(left, operator, self._sum(level))
+
+    def _sum(self, level: int, least: int = 1) -> _Value:
+        """A sum, or a product if `least` is 2."""
+        value = self._operand(level)
+        while (sign := self._peek()) in _PRECEDENCE and _PRECEDENCE[sign] >= least:
+            self._take()
+            right = self._number_or_key(self._sum(level, _PRECEDENCE[sign] + 1))
+            if sign == "/" and bounds(right, {}) == (0, 0):
+                self._fail()
+            value = Operation(sign, (self._number_or_key(value), right))
+        return value
+
+    def _operand(self, level: int) -> _Value:
+        self._operands += 1
+        if level > MAX_NESTED or self._terms >= MAX_TERMS or self._operands > MAX_OPERANDS:
             raise ValueError(
                 f"expected a condition of at most {MAX_TERMS} comparisons and flags,"
-                f" {MAX_NESTED} levels"
+                f" {MAX_OPERANDS} keys and numbers, {MAX_NESTED} levels"
             )
-        match = self._take()
-        if match is None or match[1] in ("&&", "||", ")"):
+        word = self._take()
+        if word == "(":
+            value = self._joined(level + 1)
+            if self._take() != ")":
+                self._fail()
+            return value
+        # Both have a higher precedence than a comparison, so a flag, a key or brackets follow.
+        if word == "!":
+            return negate(self._condition(self._operand(level + 1)))
+        if word == "-":
+            return negative(self._number_or_key(self._operand(level + 1)))
+        if word[:1].isdigit():
+            return _number(word)
+        if not NAME.fullmatch(word.strip("'")):
             self._fail()
-        if match[1] == "!":
-            # It has a higher precedence than a comparison, so a flag or brackets follow.
-            following = _WORD.match(self._code, self._at)
-            if following is None or following["operator"]:
-                self._fail()
-            return negate(self._term(level + 1))
-        if match[1] == "(":
-            condition = self._joined(level + 1)
-            if self._peek() != ")":
-                self._fail()
-            self._take()
-            return condition
-        self._terms += 1
-        return self._single(match["key"], match["operator"] or "==", match["right"] or "true")
+        return word
 
     def _peek(self) -> str:
         match = _WORD.match(self._code, self._at)
         return match[1] if match else ""
 
-    def _take(self) -> re.Match[str] | None:
+    def _take(self) -> str:
         match = _WORD.match(self._code, self._at)
         self._at = match.end() if match else self._at
-        return match
+        return match[1] if match else ""
 
-    def _single(self, name: str, operator: str, right: str) -> Condition:
-        key, value = _known(name, self._vocabulary), right.strip("'")
+    def _condition(self, value: _Value) -> ConditionExpr:
+        """A value as a condition: a name is a flag."""
+        if isinstance(value, Condition | Compound):
+            return value
+        if not isinstance(value, str):
+            self._fail()
+        return self._single(value, "==", "true")
+
+    def _number_or_key(self, value: _Value) -> Term:
+        """A value as a part of a sum."""
+        if isinstance(value, Condition | Compound):
+            self._fail()
+        if isinstance(value, str):
+            key = _known(value, self._vocabulary)
+            if key.flag or key.words:
+                raise ValueError(f"{value} is {key.kind}, found {shown(self._code.strip())}")
+        return value
+
+    def _comparison(self, left: _Value, operator: str, right: _Value) -> ConditionExpr:
+        if isinstance(left, Condition | Compound) or isinstance(right, Condition | Compound):
+            self._fail()
+        if isinstance(left, str) and not isinstance(right, Operation):
+            return self._single(left, operator, right)
+        compared = comparison(self._number_or_key(left), operator, self._number_or_key(right))
+        if not isinstance(left, str | Operation) and not isinstance(right, str | Operation):
+            self._fail()
+        self._terms += 1
+        if compared.divides and operator in NOT_A_NUMBER:
+            return negate(compared._replace(operator=OPPOSITE[compared.operator]))
+        return compared
+
+    def _single(self, name: str, operator: str, right: float | str) -> Condition:
+        self._terms += 1
+        key, text = _known(name, self._vocabulary), str(right)
         wrong = ValueError(f"{name} is {key.kind}, found {shown(self._code.strip())}")
         if not key.flag:
+            value = text.strip("'")
             if operator not in key.operators:
                 raise wrong
             if value in key.words:
                 return Condition(name, operator, key.number_of(value))
             if right in self._vocabulary.comparable(name):
-                return Condition(name, operator, 0.0, right)
-            if key.words or not re.match("-?[0-9]", right):
+                return Condition(name, operator, 0.0, text)
+            if key.words or isinstance(right, str):
                 raise wrong
-            return Condition(name, operator, _number(right))
-        if operator not in ("==", "!=") or right not in ("true", "false", "1", "0"):
+            return Condition(name, operator, right)
+        if operator not in ("==", "!=") or right not in ("true", "false", 1, 0):
             raise wrong
-        is_true = (right in ("true", "1")) == (operator == "==")
+        is_true = (right in ("true", 1)) == (operator == "==")
         return Condition(name, "is" if is_true else "not", 0.0)
 
     def _fail(self) -> NoReturn:

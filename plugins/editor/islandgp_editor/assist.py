@@ -12,6 +12,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Final, Literal, TypeAlias
 
+from islandgp.bt.core.arithmetic import SIGNS
 from islandgp.bt.core.condition import OPERATORS
 from islandgp.bt.core.inspection import mentioned
 from islandgp.bt.core.kinds import KEYWORDS, KINDS
@@ -111,13 +112,13 @@ def _names(
         return [Offer(name, "word", "a domain") for name in domains]
     actions = [Offer(name, "action", each.meaning) for name, each in vocabulary.actions.items()]
     keys = [Offer(name, "key", key.meaning) for name, key in vocabulary.keys.items()]
-    if "NUMBER" in accepted:
+    if "NUMBER" in accepted and "NOT" not in accepted:
         numbers = _numbers(before, folder).items()
         compared = code[-2] if len(code) > 1 and last in OPERATORS else ""
         return [
             *_values_of(compared, vocabulary),
             *(Offer(name, "number", detail) for name, detail in numbers),
-            *((*keys, *actions) if "USE" in accepted else ()),
+            *((*keys, *actions) if "USE" in accepted else keys if last in SIGNS else ()),
         ]
     if "SELECTOR" in accepted:
         return [*actions, *parameters]

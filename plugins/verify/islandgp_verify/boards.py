@@ -121,12 +121,15 @@ class BoardSets:
     def _of(self, expr: ConditionExpr) -> Boards:
         if isinstance(expr, Condition):
             return self._single(expr)
+        if expr.word == "not":  # of a division by a key
+            self.exact = False
+            return ANY_BOARD
         parts = [self._of(part) for part in expr.parts]
         return self.both(*parts) if expr.word == "and" else self.either(*parts)
 
     def _single(self, expr: Condition) -> Boards:
         expr, empty, full = ordered(expr), NO_BOARD, ANY_BOARD
-        if not expr.other and self._keys[self.key_index[expr.key]].whole:
+        if expr.single and self._keys[self.key_index[expr.key]].whole:
             expr = rounded(expr)
             if expr.number % 1:  # == or != with a number that is not whole
                 return empty if expr.operator == "==" else full
@@ -142,10 +145,11 @@ class BoardSets:
             "is": (((x, 1),), (empty, full)),
             "not": (((x, 1),), (full, empty)),
         }[expr.operator]
-        if expr.other:  # their difference is one more key
+        if not expr.single:  # the difference of both sides is one more key
             self.exact = False
             index = len(self._keys) + len(self._differences)
-            return self._number(self._differences.setdefault(expr.keys, index), cuts, parts)
+            index = self._differences.setdefault((expr.key, expr.other), index)
+            return self._number(index, cuts, parts)
         index = self.key_index[expr.key]
         if self._keys[index].whole:  # above 3 is the same as from 4 on
             cuts = tuple((x + 1, 0) if above and x % 1 == 0 else (x, above) for _, above in cuts)

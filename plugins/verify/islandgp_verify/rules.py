@@ -168,7 +168,7 @@ def check_rule(tree: Node, rule: Rule, vocabulary: Vocabulary, steps: int = STEP
     candidates = [place for place in places if sets.both(possible[place], forbidden) != NO_BOARD]
     if not candidates:
         return RuleResult(rule, "proven", "it follows from the guards")
-    if any(term.other for term in (*asked_in(tree), *terms(rule.condition))):
+    if any(not term.single for term in (*asked_in(tree), *terms(rule.condition))):
         return _unknown(rule, ": if keys are compared with keys, only guards are examined")
     for node in machine.nodes:
         if node.kind in TIMED or kind_of(node).reactive or kind_of(node).opaque:

@@ -42,7 +42,7 @@ class Condition
 public:
   using Read = std::function<BT::Any(const std::string& key)>;
 
-  explicit Condition(const std::string& text) : text_(text), whole_(joined("or"))
+  explicit Condition(const std::string& text) : text_(text), whole_(condition(joined("or")))
   {
     if(!word().empty())
     {
@@ -58,11 +58,10 @@ public:
 private:
   struct Part
   {
-    std::string word;  // and, or, not, an operator, or nothing for a flag
-    std::string key;
+    std::string word;  // and, or, not, an operator, + - * /, key, text or number
+    std::string text;  // the name of the key, or the text
     double number;
     std::vector<Part> parts;
-    std::string right = "";  // another key, or a word in ''; nothing: the number
   };
 
   static bool holds(const Part& part, const Read& read)
@@ -83,15 +82,37 @@ private:
       }
       return !decides;
     }
-    const auto left = read(part.key);
-    if(part.right.empty())
+    const auto left = value(part.word == "key" ? part : part.parts[0], read);
+    if(part.word == "key")
     {
-      return compared(left.cast<double>(), part.word, part.number);
+      return left.cast<double>() != 0;
     }
-    const auto right = part.right[0] == '\'' ? BT::Any(part.right.substr(1, part.right.size() - 2)) :
-                                               read(part.right);
+    const auto right = value(part.parts[1], read);
     return left.isString() ? compared(left.cast<std::string>(), part.word, right.cast<std::string>()) :
                              compared(left.cast<double>(), part.word, right.cast<double>());
+  }
+
+  /// The value of a key, a text, a number or an operation.
+  static BT::Any value(const Part& part, const Read& read)
+  {
+    if(part.word == "key")
+    {
+      return read(part.text);
+    }
+    if(part.parts.empty())
+    {
+      return part.word == "text" ? BT::Any(part.text) : BT::Any(part.number);
+    }
+    const auto left = value(part.parts[0], read).cast<double>();
+    if(part.parts.size() == 1)
+    {
+      return BT::Any(-left);
+    }
+    const auto right = value(part.parts[1], read).cast<double>();
+    return BT::Any(part.word == "+" ? left + right :
+                   part.word == "-" ? left - right :
+                   part.word == "*" ? left * right :
+                                      left / right);
   }
 
   template <typename Value>
@@ -112,14 +133,74 @@ private:
     {
       found.parts.push_back(by == "or" ? joined("and") : term());
     } while(take(by));
-    return found.parts.size() == 1 ? Part(found.parts[0]) : found;
+    if(found.parts.size() == 1)
+    {
+      return Part(found.parts[0]);
+    }
+    for(const auto& part : found.parts)
+    {
+      condition(part);
+    }
+    return found;
   }
 
   Part term()
   {
     if(take("not"))
     {
-      return { "not", "", 0, { term() } };
+      return { "not", "", 0, { condition(term()) } };
+    }
+    const auto left = sum();
+    for(const std::string op : { "<", "<=", ">", ">=", "==", "!=" })
+    {
+      if(take(op))
+      {
+        return { op, "", 0, { left, sum() } };
+      }
+    }
+    return left;
+  }
+
+  /// The part, unless it is a value that is compared with nothing.
+  Part condition(const Part& part) const
+  {
+    const auto& word = part.word;
+    if(word == "number" || word == "text" || std::string("+-*/").find(word) != std::string::npos)
+    {
+      fail();
+    }
+    return part;
+  }
+
+  Part sum()
+  {
+    auto found = product();
+    while(word() == "+" || word() == "-")
+    {
+      const auto sign = word();
+      take(sign);
+      found = { sign, "", 0, { found, product() } };
+    }
+    return found;
+  }
+
+  Part product()
+  {
+    auto found = operand();
+    while(word() == "*" || word() == "/")
+    {
+      const auto sign = word();
+      take(sign);
+      found = { sign, "", 0, { found, operand() } };
+    }
+    return found;
+  }
+
+  Part operand()
+  {
+    if(take("-"))
+    {
+      return { "-", "", 0, { operand() } };
     }
     if(take("("))
     {
@@ -130,38 +211,25 @@ private:
       }
       return inside;
     }
-    const auto key = word();
-    if(key.empty() || !(std::isalpha(static_cast<unsigned char>(key[0])) || key[0] == '_'))
+    const auto name = word();
+    const auto first = name.empty() ? ' ' : name[0];
+    take(name);
+    if(first == '\'')
     {
-      fail();
+      return { "text", name.substr(1, name.size() - 2), 0, {} };
     }
-    take(key);
-    const auto op = word();
-    if(op.empty() || std::string("<>=!").find(op[0]) == std::string::npos)
+    if(first == '_' || std::isalpha(static_cast<unsigned char>(first)))
     {
-      return { "", key, 0, {} };
+      return { "key", name, 0, {} };
     }
-    if(op != "<" && op != "<=" && op != ">" && op != ">=" && op != "==" && op != "!=")
-    {
-      fail();
-    }
-    take(op);
-    const auto digits = word();
-    const auto first = digits.empty() ? ' ' : digits[0];
-    if(first == '\'' || first == '_' || std::isalpha(static_cast<unsigned char>(first)))
-    {
-      take(digits);
-      return { op, key, 0, {}, digits };
-    }
-    std::istringstream number(digits);
+    std::istringstream number(name);
     number.imbue(std::locale::classic());
     double value = 0;
     if(!(number >> value) || !number.eof())
     {
       fail();
     }
-    take(digits);
-    return { op, key, value, {} };
+    return { "number", "", value, {} };
   }
 
   /// The next word without consuming it; empty at the end.
@@ -173,7 +241,7 @@ private:
       return "";
     }
     static const std::string operators = "<>=!";
-    static const std::string signs = "()";
+    static const std::string signs = "()+-*/";
     const auto kind = [](char c) {
       return operators.find(c) != std::string::npos ? 1 : std::isspace(static_cast<unsigned char>(c)) ? 2 : 0;
     };

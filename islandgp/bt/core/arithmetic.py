@@ -1,0 +1,160 @@
+"""Numbers in trees, and arithmetic with keys: `0.5 * angle + spin`."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+from decimal import Decimal
+from math import inf, isnan
+from typing import Final, NamedTuple, Self, TypeAlias
+
+SIGNS: Final = ("+", "-", "*", "/")
+_UNARY: Final = 3  # precedence, above that of sums (1) and products (2)
+
+
+class Named(float):
+    """A number that is printed as a name: of a constant or parameter, or a word of a key."""
+
+    def __new__(cls, name: str, value: float) -> Self:
+        named = super().__new__(cls, value)
+        named.name = name
+        return named
+
+    name: str
+
+    def __getnewargs__(self) -> tuple[str, float]:  # type: ignore[override]  # for pickle
+        return self.name, float(self)
+
+
+def number_text(value: float) -> str:
+    """A number without exponent and trailing zeros, `25`, `12.5`, or its name."""
+    if isinstance(value, Named):
+        return value.name
+    if value == int(value):
+        return str(int(value))
+    return format(Decimal(repr(float(value))), "f")
+
+
+class Operation(NamedTuple):
+    """A sum, a difference, a product or a quotient of two terms, or the negative of one."""
+
+    sign: str  # of SIGNS
+    parts: tuple[Term, ...]
+
+
+Term: TypeAlias = "float | str | Operation"
+"""A number, a key, or an operation on terms."""
+
+
+class Formula(str):
+    """An operation on keys and numbers as canonical text, `0.5 * angle + spin`.
+
+    In a condition it is in the place of a key.
+    """
+
+    term: Term
+
+    def __new__(cls, term: Term) -> Self:
+        formula = super().__new__(cls, _text(term, 0))
+        formula.term = term
+        return formula
+
+    def __getnewargs__(self) -> tuple[Term]:  # type: ignore[override]  # for pickle
+        return (self.term,)
+
+    @property
+    def keys(self) -> tuple[str, ...]:
+        """The keys that it reads, in order, each once."""
+        return tuple(dict.fromkeys(leaf for leaf in _leaves(self.term) if isinstance(leaf, str)))
+
+    @property
+    def divides(self) -> bool:
+        """True if it divides by a key, so that it may be no number, with which nothing compares."""
+        return _divides(self.term)
+
+
+def side(term: Term) -> str:
+    """A term that is no number, as a side of a comparison: a key or a Formula."""
+    return term if isinstance(term, str) else Formula(term)
+
+
+def negative(term: Term) -> Term:
+    """The negative of a term."""
+    if isinstance(term, Operation) and len(term.parts) == 1:
+        return term.parts[0]
+    return Operation("-", (term,)) if isinstance(term, str | Operation | Named) else 0.0 - term
+
+
+def divide(x: float, y: float) -> float:
+    """x / y by IEEE 754: a division by 0 gives an infinity, 0 / 0 no number."""
+    if y:
+        return x / y
+    return x * math.copysign(math.inf, y) if x else math.nan
+
+
+def python(term: Term, of_key: Callable[[str], str]) -> str:
+    """Python source of a term, which calls `divide`; `of_key`: the source of a key's value."""
+    if isinstance(term, str):
+        return of_key(term)
+    if not isinstance(term, Operation):
+        return repr(float(term))
+    parts = [python(part, of_key) for part in term.parts]
+    if _by_key(term):
+        return f"divide({', '.join(parts)})"
+    return f"({f' {term.sign} '.join(parts)})" if len(parts) > 1 else f"(-{parts[0]})"
+
+
+def bounds(term: Term, ranges: Mapping[str, tuple[float, float]]) -> tuple[float, float]:
+    """A lowest and a highest value of a term for keys in their ranges, in floating point.
+
+    Rounding to the nearest is monotone, so that the bounds hold to the last bit.
+    """
+    if isinstance(term, str):
+        return ranges.get(term, (-inf, inf))
+    if not isinstance(term, Operation):
+        return term, term
+    (a, b), *others = (bounds(part, ranges) for part in term.parts)
+    if not others:
+        return -b, -a
+    ((c, d),) = others
+    if term.sign == "/" and c <= 0 <= d:
+        return -inf, inf
+    match term.sign:
+        case "+":
+            ends: tuple[float, ...] = (a + c, b + d)
+        case "-":
+            ends = (a - d, b - c)
+        case "*":
+            ends = (a * c, a * d, b * c, b * d)
+        case _:
+            ends = (a / c, a / d, b / c, b / d)
+    return (-inf, inf) if any(map(isnan, ends)) else (min(ends), max(ends))
+
+
+def _text(term: Term, level: int) -> str:
+    """A term as text, in brackets if it binds less than the operation around it."""
+    if not isinstance(term, Operation):
+        return term if isinstance(term, str) else number_text(term)
+    if len(term.parts) == 1:
+        return f"-{_text(term.parts[0], _UNARY)}"
+    own = 1 if term.sign in "+-" else 2
+    text = f"{_text(term.parts[0], own)} {term.sign} {_text(term.parts[1], own + 1)}"
+    return f"({text})" if own < level else text
+
+
+def _leaves(term: Term) -> Iterator[float | str]:
+    if isinstance(term, Operation):
+        for part in term.parts:
+            yield from _leaves(part)
+    else:
+        yield term
+
+
+def _divides(term: Term) -> bool:
+    if not isinstance(term, Operation):
+        return False
+    return _by_key(term) or any(map(_divides, term.parts))
+
+
+def _by_key(term: Operation) -> bool:
+    return term.sign == "/" and any(isinstance(leaf, str) for leaf in _leaves(term.parts[1]))
