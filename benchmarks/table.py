@@ -62,7 +62,8 @@ def as_text(results: Sequence[Result]) -> str:
 
 
 def as_markdown(results: Sequence[Result]) -> str:
-    """The table for a page."""
+    """The table for a page: the figures that have a goal."""
     lines = ["| figure | here | goal | | what it is |", "|---|---:|---|---|---|"]
-    lines += [f"| `{row[0]}` | " + " | ".join(row[1:]) + " |" for row in rows(results)]
+    with_goal = [row for row in rows(results) if row[2] or row[1] == "-"]
+    lines += [f"| `{row[0]}` | " + " | ".join(row[1:]) + " |" for row in with_goal]
     return "\n".join(lines)

@@ -150,7 +150,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     prune: Pruning = Field(default_factory=lambda: Pruning.model_validate({}))
     search: SearchSettings
     archive: ArchiveSettings = ArchiveSettings()
-    perturb: Perturbation | None = None  # docs/perturbation.md
+    perturb: Perturbation | None = None  # docs/domains.md
     constraints: dict[str, Bound] = Field(default_factory=dict)  # limits by counter of the domain
     supervisor: SupervisorSettings
     evaluator: EvaluatorSettings

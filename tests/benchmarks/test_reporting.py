@@ -37,10 +37,9 @@ def test_text() -> None:
 
 
 def test_markdown() -> None:
-    """The same figures as rows of a Markdown table."""
+    """The figures with a goal as rows of a Markdown table."""
     lines = as_markdown([result(FAST, PLAIN)]).splitlines()
-    assert lines[2] == "| `fast_us` | 1.23 us | at most 2 | reached | a tick |"
-    assert len(lines) == 4
+    assert lines[2:] == ["| `fast_us` | 1.23 us | at most 2 | reached | a tick |"]
 
 
 def test_a_benchmark_that_cannot_run_is_a_row() -> None:

@@ -235,8 +235,8 @@ def test_play_as_json(tmp_path: Path) -> None:
 
 
 def test_the_page_s_commands_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Those of docs/perturbation.md, with short episodes."""
-    page = (ROOT / "docs/perturbation.md").read_text(encoding="utf-8")
+    """Those of docs/domains.md, with short episodes."""
+    page = (ROOT / "docs/domains.md").read_text(encoding="utf-8")
     (shell,) = re.findall(r"^```sh perturb\n(.*?)^```", page, re.MULTILINE | re.DOTALL)
     monkeypatch.chdir(tmp_path)
     Path("all_rounder.bt").write_text(to_text(ALL_ROUNDER), encoding="utf-8")

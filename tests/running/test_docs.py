@@ -27,7 +27,7 @@ from tests.samples import CLASSES
 from tests.tracking.folders import steps
 from tests.tracking.test_metrics import COST
 
-PAGES = ("running", "sweeps", "resuming", "results", "mlflow", "clusters")
+PAGES = ("running", "sweeps", "results", "mlflow")
 TEXT = "\n".join((ROOT / f"docs/{page}.md").read_text(encoding="utf-8") for page in PAGES)
 TINY = [
     "experiment=smoke",

@@ -222,7 +222,9 @@ def test_no_two_arms_look_alike() -> None:
 @pytest.mark.slow
 def test_the_documented_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The page's program runs unchanged, and makes the files that the page names."""
-    page = (Path(__file__).parents[2] / "docs" / "statistics.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "studies" / "comparison" / "README.md").read_text(
+        encoding="utf-8"
+    )
     code = page.partition("```python\n")[2].partition("```")[0]
     monkeypatch.chdir(tmp_path)
     names: dict[str, object] = {}
