@@ -5,6 +5,7 @@ COPY pyproject.toml constraints.txt README.md LICENSE ./
 COPY conf conf
 COPY grammar grammar
 COPY prompts prompts
+COPY examples/templates examples/templates
 COPY islandgp islandgp
 RUN pip install --no-cache-dir '.[postgresql]' -c constraints.txt \
     && useradd --create-home worker && mkdir -p /srv/islandgp/runs /artifacts && chown -R worker /srv/islandgp /artifacts
