@@ -19,8 +19,11 @@ from pydantic import Field
 
 from islandgp.atomic_files import write_atomic
 from islandgp.errors import RunError
-from islandgp.gp.record import Cost, IndividualRecord
+from islandgp.gp.archive import ArchiveSettings
+from islandgp.gp.record import Champion, Cost, IndividualRecord
 from islandgp.records.lines import Lines, dump
+from islandgp.scoring.classes import Classes
+from islandgp.scoring.curriculum import Curriculum
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,7 +94,10 @@ class RunSummary:
     """The fields of summary.json that are read."""
 
     champion: _Best
+    fittest: Champion  # the individual with the highest fitness in training
     first: dict[str, int | None]  # by milestone
+    answers: dict[str, int]
+    mostly_fallback: bool
     final_best: float
     final_mean: float
     mean_diversity: float
@@ -100,6 +106,42 @@ class RunSummary:
     records: str  # digest of all records
     constraints: str | None = None  # in words; None: there are none
     nothing_works: str = ""  # a sentence on what no individual has ever achieved
+
+
+@dataclass(frozen=True, slots=True)
+class _Named:
+    name: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Factory:
+    factory: str
+
+
+@dataclass(frozen=True, slots=True)
+class _Genetics:
+    population: int
+    generations: int
+    episodes: int
+    shared_seed: bool
+
+
+@dataclass(frozen=True, slots=True)
+class RecordedConfiguration:
+    """The fields of config.yaml that readers of a run use, apart from those of its domain."""
+
+    name: str
+    seed: int
+    domain: _Factory
+    search: _Named
+    supervisor: _Named
+    gp: _Genetics
+    world: dict[str, Any]
+    rewards: dict[str, Any]
+    curriculum: Curriculum
+    classes: Classes
+    archive: ArchiveSettings
+    library: dict[str, Any]
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,7 +23,7 @@ from islandgp.atomic_files import damaged, reading, remove_leftovers, usable, wr
 from islandgp.errors import BusyError, IslandError, RunError, brief
 from islandgp.gate import check_folder, cleaned_values, read_bytes, read_text
 from islandgp.gp.record import GenerationRecord, RunState, Step, record_values
-from islandgp.plain import from_plain, read_json, validate_json
+from islandgp.plain import from_json, from_plain, read_json, validate_json
 from islandgp.records import files, lines, manifest
 from islandgp.records.archive_file import NAME as ARCHIVE
 from islandgp.records.archive_file import ArchiveFile
@@ -49,9 +49,18 @@ class Status(StrEnum):
 
 
 @lru_cache(maxsize=16)
-def _plain(text: str) -> Any:
-    """The values of a YAML text, cached because parsing is slow; do not modify them."""
-    return cleaned_values(yaml.load(text, Loader=_LOADER))
+def _configuration(text: str) -> dict[str, Any]:
+    """The values of a run's configuration, cached because parsing is slow; do not modify them.
+
+    Raises:
+        ValueError: a field that readers use is missing or has another type.
+    """
+    try:
+        config = cleaned_values(yaml.load(text, Loader=_LOADER))
+    except yaml.YAMLError as error:
+        raise ValueError(brief(error)) from error
+    from_json(files.RecordedConfiguration, config)
+    return dict(config)
 
 
 _LOADER: Final = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
@@ -152,16 +161,9 @@ class RunFolder:
 
     def configuration(self) -> dict[str, Any]:
         """The configuration as plain values; {} if there is none. Raises RunError if damaged."""
-        with reading("a run's configuration", self.path / "config.yaml"):
-            try:
-                with usable(self.path):
-                    text = self.config()
-                    config = {} if text is None else deepcopy(_plain(text))
-            except yaml.YAMLError as error:
-                raise ValueError(brief(error)) from error
-            if not isinstance(config, dict):
-                raise TypeError("it has no keys")
-            return config
+        with reading("a run's configuration", self.path / "config.yaml"), usable(self.path):
+            text = self.config()
+            return {} if text is None else deepcopy(_configuration(text))
 
     @property
     def agent(self) -> str:

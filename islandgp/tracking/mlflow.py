@@ -9,13 +9,15 @@ from __future__ import annotations
 import shlex
 from collections.abc import Sequence
 from concurrent.futures import Future
+from contextlib import suppress
 from pathlib import Path
 from time import monotonic
 from typing import Final
 
-from islandgp.errors import TrackingError, brief
-from islandgp.records.folder import RunFolder, Status
+from islandgp.errors import RunError, TrackingError, brief
+from islandgp.records.folder import RunFolder, Status, run_folders
 from islandgp.resources import program
+from islandgp.tracking.place import place_of
 from islandgp.tracking.sender import sender
 from islandgp.tracking.store import MLflowSettings, Place, Store, check_place
 from islandgp.tracking.sync import sync
@@ -92,11 +94,16 @@ class MLflow:
 
 
 def sync_command(folders: Sequence[Path], places: Sequence[Place]) -> str:
-    """The command that sends the missing records of folders to their stores."""
-    words = [program(), "sync", *(shlex.quote(str(folder.absolute())) for folder in folders)]
-    if len({*places}) > 1:
-        return f"{' '.join(words)} --config-dir FOLDER"  # with a file tracking/NAME.yaml for each
-    return " ".join([*words, *store_options(places[0])])
+    """The command that sends the missing records of folders to their stores; a line for each."""
+    if len({*places}) == 1:
+        words = [program(), "sync", *(shlex.quote(str(folder.absolute())) for folder in folders)]
+        return " ".join([*words, *store_options(places[0])])
+    jobs: dict[Place, list[Path]] = {place: [] for place in places}
+    for run in (run for folder in folders for run in run_folders(folder)):
+        with suppress(RunError):  # a damaged one is reported by `sync`
+            if place := place_of(run, places):
+                jobs[place].append(run.path)
+    return "\n  ".join(sync_command(runs, [place]) for place, runs in jobs.items() if runs)
 
 
 def store_options(place: Place) -> list[str]:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 import json
 import os
 import re
@@ -21,8 +22,12 @@ from islandgp.errors import IslandError, UntrustedError
 from islandgp.evaluation.base import Problem
 from islandgp.experiment import recorded_decisions
 from islandgp.gate import CONTROL, cleaned, code_in, must_be_known_code, user_folder
+from islandgp.records.folder import RunFolder
+from islandgp.records.lines import dump
 from islandgp.records.manifest import add_to_manifest
 from islandgp.running.app import main
+from islandgp.supervision.llm.message import Reply, Request, Usage
+from islandgp.supervision.llm.transcript import Attempt, Call, Conclusion, Start, Transcript
 from tests.composed import plain
 from tests.records.configured import naming
 from tests.tracking.folders import closed_run
@@ -82,9 +87,9 @@ def home(original: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ite
     sys.modules.pop("evil", None)
 
 
-def outcome(name: str) -> str:
+def outcome(name: str, *arguments: str) -> str:
     """The exit code and the output of a command, which shows no traceback."""
-    result = CliRunner().invoke(group, [*COMMANDS[name]])
+    result = CliRunner().invoke(group, [*COMMANDS.get(name, [name]), *arguments])
     error = result.exception
     assert error is None or isinstance(error, IslandError | SystemExit), (name, repr(error))
     message = "" if error is None or isinstance(error, SystemExit) else cleaned(str(error))
@@ -105,12 +110,14 @@ def changed(file: Path, change: Callable[[Any], None]) -> None:
     """Changes the values of a JSON or YAML file, and its checksum if it has one."""
     text = file.read_text()
     lines = text.splitlines() if file.suffix == ".jsonl" else [text]
-    load, dump = (
+    loaded, dumped = (
         (yaml.safe_load, yaml.safe_dump) if file.suffix == ".yaml" else (json.loads, json.dumps)
     )
-    value = load(lines[0])
+    value = loaded(lines[0])
     change(value)
-    file.write_text("\n".join([dump(value), *lines[1:]]) + "\n")
+    if file.name == "checkpoint.json" and value.get("state") != loaded(lines[0])["state"]:
+        value["sha256"] = hashlib.sha256(dump(value.get("state")).encode()).hexdigest()
+    file.write_text("\n".join([dumped(value), *lines[1:]]) + "\n")
     if (file.parent / "manifest.json").exists() and file.name != "manifest.json":
         add_to_manifest(file.parent, file.name)
 
@@ -139,10 +146,6 @@ def leaves(value: Any, path: tuple[Any, ...] = ()) -> Iterator[tuple[Any, ...]]:
         yield from leaves(value[0], (*path, 0))
 
 
-FILES: Final = (
-    "about.json", "config.yaml", "summary.json", "archive.json", "costs.jsonl",
-    "generations.jsonl", "manifest.json", "../sweep.json",
-)  # fmt: skip
 VALUES: Final = {
     "a server": SERVER,
     "an outside path": "../../../outside",
@@ -152,6 +155,54 @@ VALUES: Final = {
     "another type": [[]],
     "nothing": None,
 }
+ATTEMPT: Final = Attempt(
+    Call(0, "rate", 0), 1, Request("model", "system", ("question",), 99, schema={"type": "object"}),
+    Reply("{}", "end_turn", Usage(5, 1)), Usage(5, 1), Usage(5, 1), 0.1, 1.0, 0.0, "2026-01-01",
+)  # fmt: skip
+
+
+def transcribed(home: Path, number: int) -> Path:
+    """A transcript with the line of that number of an attempt at its top; they have no checksum."""
+    file = home / f"{number}.jsonl"
+    transcript = Transcript(file)
+    for entry in (Start({"factory": "x"}, None), ATTEMPT, Conclusion(0, "rate", "llm", "", ())):
+        transcript.add(entry)
+    first, *others = file.read_text().splitlines()[number:]
+    plain = {key: value for key, value in json.loads(first).items() if key != "checksum"}
+    file.write_text("\n".join([json.dumps(plain), *others]) + "\n")
+    return file
+
+
+def resumed(folder: Path) -> str:
+    """The error of continuing a run, and its warnings."""
+    warnings: list[str] = []
+    try:
+        RunFolder(folder).resume(warnings.append)
+    except IslandError as error:
+        return str(error)
+    return " ".join(warnings)
+
+
+def of_a_stopped_run(home: Path, _: str) -> str:
+    """What reading and continuing it says."""
+    return reads(home / "runs") + resumed(home / "runs/s/two")
+
+
+def in_words(home: Path, name: str) -> str:
+    """What the command says about a transcript."""
+    return outcome("transcript", str(home / Path(name).name))
+
+
+READ: Final = {
+    "../two/checkpoint.json": of_a_stopped_run,
+    **{f"../../../{number}.jsonl": in_words for number in range(4)},
+}
+"""What reads a file that is not a finished run's, whose folder the paths begin at."""
+
+FILES: Final = (
+    "about.json", "config.yaml", "summary.json", "archive.json", "costs.jsonl",
+    "generations.jsonl", "manifest.json", "../sweep.json", *READ,
+)  # fmt: skip
 
 
 @pytest.mark.slow
@@ -160,18 +211,24 @@ VALUES: Final = {
 def test_any_value_in_any_field(name: str, kind: str, home: Path, tmp_path: Path) -> None:
     """A value is read or rejected with a message; nothing is imported or written outside."""
     run = home / "runs/s/one"
-    original = (run / name).read_text()
-    manifest = (run / "manifest.json").read_text()
-    text = original.splitlines()[0] if name.endswith(".jsonl") else original
+    for number in range(4):
+        transcribed(home, number)
+    before = {file: file.read_bytes() for file in home.rglob("*.json*")}
+    text = (run / name).read_text()
+    text = text.splitlines()[0] if name.endswith(".jsonl") else text
     fields = [*leaves(yaml.safe_load(text) if name.endswith(".yaml") else json.loads(text))]
-    before = {file.name for file in tmp_path.iterdir()}
+    places = {file.name for file in tmp_path.iterdir()}
+    read = READ.get(name, lambda home, _: f"{reads(home / 'runs')}{outcome('verify')}")
+    config = (run / "config.yaml").read_bytes()
     for field in fields:
-        (run / "manifest.json").write_text(manifest)
-        (run / name).write_text(original)
         changed(run / name, at(field, VALUES[kind]))
-        assert not CONTROL.search(f"{reads(home / 'runs')}{outcome('verify')}"), field
+        assert not CONTROL.search(read(home, name)), field
+        for file, content in before.items():
+            if not file.exists() or file.read_bytes() != content:
+                file.write_bytes(content)
+        (run / "config.yaml").write_bytes(config)
     assert "evil" not in sys.modules
-    assert {file.name for file in tmp_path.iterdir()} == before
+    assert {file.name for file in tmp_path.iterdir()} == places
 
 
 EXPECTED: Final = {

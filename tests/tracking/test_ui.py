@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
+import shlex
 import shutil
 import signal
 import socket
@@ -27,6 +28,7 @@ from islandgp.evolution.validation import Validation
 from islandgp.records.folder import Status
 from islandgp.resources import resource
 from islandgp.tracking import ui
+from islandgp.tracking.mlflow import sync_command
 from islandgp.tracking.place import place_from
 from islandgp.tracking.store import ARM, Place, Store
 from islandgp.tracking.sync import sync
@@ -286,6 +288,24 @@ def test_the_sync_command_counts_what_it_did(home: Path, monkeypatch: pytest.Mon
     assert isinstance(third.exception, TrackingError)
     elsewhere = CliRunner().invoke(islandgp, ["sync", "--uri", "sqlite:///mlflow.db"])
     assert "0 sent, 1 already there" in elsewhere.output
+
+
+def test_the_command_for_several_stores_works(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """One line for each store, with the jobs that name it."""
+    monkeypatch.chdir(home)
+    places = [place(home, name) for name in ("a", "b c")]
+    for name, each in zip(("one", "two"), places, strict=True):
+        folder = closed_run(home / "runs/s x" / name, home, 2)
+        text = (folder.config() or "").replace(
+            "experiment: islandgp", f"experiment: {each.experiment}"
+        )
+        (folder.path / "config.yaml").write_text(text)
+    lines = sync_command([home / "runs/s x"], places).splitlines()
+    assert len(lines) == 2
+    for line in lines:
+        words = shlex.split(line)
+        result = CliRunner().invoke(islandgp, words[words.index("sync") :])
+        assert "1 sent, 0 already there, 0 without tracking, 0 not sent" in result.output
 
 
 @pytest.mark.slow
