@@ -6,18 +6,17 @@ import json
 import sys
 from collections.abc import Iterator, Sequence
 from contextlib import redirect_stdout
-from dataclasses import asdict
 from inspect import getfile
 from io import StringIO
 from pathlib import Path
 from textwrap import indent
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 import click
 
 from islandgp.bt.core.language import domain_of, parse
-from islandgp.bt.core.node import STATUS_NAMES, Node
-from islandgp.bt.core.parameters import described, signature
+from islandgp.bt.core.node import Node
+from islandgp.bt.core.parameters import adapter, described, signature
 from islandgp.bt.core.vocabulary import Key
 from islandgp.commands.files import FILE, STDIN, read_tree_text
 from islandgp.commands.options import DomainOptions, with_domain_options, with_timeout_option
@@ -76,7 +75,8 @@ def command(
     if check:
         sys.exit(_check(settings, domain, files, strict=strict, timeout=timeout))
     if as_json:
-        click.echo(json.dumps(_plain(domain.schema), indent=1))
+        plain = adapter(Schema).dump_python(domain.schema, mode="json", exclude_defaults=True)
+        click.echo(json.dumps(plain, indent=1))
         return
     click.echo("\n".join(_lines(domain.schema)))
 
@@ -144,25 +144,6 @@ def _range(key: Key) -> str:
     """The values of a key that is a number, as text."""
     most = "" if key.most is None else f" to {key.most:g}"
     return f"{'whole, ' if key.whole else ''}{key.low:g}{most or ' or more'}"
-
-
-def _plain(schema: Schema) -> dict[str, Any]:
-    """The schema as JSON values; statuses by name."""
-    plain = asdict(schema)
-    for action in plain["vocabulary"]["actions"].values():
-        for name in ("arguments", "condition", "uses"):
-            if not action[name]:
-                del action[name]
-        for conditions in ("to_start", "to_succeed"):
-            action[conditions] = [
-                (each.key, each.operator, each.other or getattr(each.number, "name", each.number))
-                for each in action[conditions]
-            ]
-        action["statuses"] = [STATUS_NAMES[status] for status in sorted(action["statuses"])]
-    for key in plain["vocabulary"]["keys"].values():
-        if not key["words"]:
-            del key["words"]
-    return plain
 
 
 def _check(

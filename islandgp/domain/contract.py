@@ -13,7 +13,8 @@ from typing import Any, ClassVar, Final, Literal, NamedTuple, Protocol, Self
 from pydantic import BaseModel
 
 from islandgp.bt.core.node import Node
-from islandgp.bt.core.vocabulary import Action, Vocabulary, check_entries
+from islandgp.bt.core.parameters import validated
+from islandgp.bt.core.vocabulary import Action, Vocabulary
 from islandgp.errors import DomainError
 
 
@@ -77,11 +78,15 @@ class Schema:
                     f" none; declare it in its Schema."
                 )
         of_domain = f"of the domain {self.vocabulary.domain}"
-        check_entries(str, self.components, f"the component {{}} {of_domain}")
-        check_entries(Event, self.events, f"the event {{}} {of_domain}")
-        check_entries(Counter, self.counters, f"the counter {{}} {of_domain}")
-        check_entries(Form, self.forms, f"the form {{}} {of_domain}")
-        check_entries(str, self.endings, f"the ending {{}} {of_domain}")
+        kinds: dict[str, Any] = {
+            "component": Mapping[str, str],
+            "event": Mapping[str, Event],
+            "counter": Mapping[str, Counter],
+            "form": Mapping[str, Form],
+            "ending": Mapping[str, str],
+        }
+        for name, kind in kinds.items():
+            validated(kind, getattr(self, f"{name}s"), f"the {name} {{}} {of_domain}")
         if isinstance(self.habits, str):
             raise DomainError(
                 f"Expected a tuple of sentences as the habits {of_domain}, found one text; write"

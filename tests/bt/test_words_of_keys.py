@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import json
 import pickle
-from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
@@ -17,6 +15,7 @@ from islandgp.bt.analysis.simplify import simplify
 from islandgp.bt.core.format import format_text
 from islandgp.bt.core.language import parse, parse_condition, to_text
 from islandgp.bt.core.node import Limits, Node, asked_in, guarded, keys_in, leaf
+from islandgp.bt.core.parameters import adapter
 from islandgp.bt.core.vocabulary import (
     Action,
     Condition,
@@ -31,7 +30,6 @@ from islandgp.bt.export.behaviortree_cpp import to_xml
 from islandgp.bt.export.declared import declared
 from islandgp.bt.export.import_cpp import read_tree
 from islandgp.bt.export.json import from_json, to_json
-from islandgp.commands.domain_command import _plain
 from islandgp.errors import DomainError, TreeError
 from islandgp.gp.random_trees import ConditionSettings, TreeSettings, TreeSpace, random_tree
 from islandgp.gp.variation import MUTATIONS, MutationSettings, mutate
@@ -190,13 +188,6 @@ def test_a_program_gives_words(tmp_path: Path) -> None:
             robot.tick()
 
 
-@dataclass
-class SimpleSchema:
-    """The part of a domain's schema that a vocabulary file needs."""
-
-    vocabulary: Vocabulary
-
-
 def test_conditions_of_actions() -> None:
     """An action can need a word or a comparison of keys, also in a vocabulary file."""
     needs = (
@@ -206,8 +197,7 @@ def test_conditions_of_actions() -> None:
     vocabulary = Vocabulary("bot", {"Dock": Action("", to_start=needs)}, KEYS)
     text = "when mode == idle { Dock }"
     assert "it needs mode == docking" in str(warnings(text, vocabulary)[0])
-    schema = SimpleSchema(vocabulary)
-    copy = declared(json.dumps(_plain(schema)), text, name="bot.json")  # type: ignore[arg-type]
+    copy = declared(adapter(Vocabulary).dump_json(vocabulary).decode(), text, name="bot.json")
     assert copy == vocabulary
     with pytest.raises(DomainError, match="at least one word"):
         declared('{"domain": "b", "actions": {}, "keys": {"k": {"words": []}}}', "", name="b.json")

@@ -27,15 +27,15 @@ from islandgp.bt.analysis.lint import warnings
 from islandgp.bt.core.format import format_text
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Limits, Node
+from islandgp.bt.core.parameters import adapter
 from islandgp.bt.export.behaviortree_cpp import to_xml
 from islandgp.bt.export.declared import declared
 from islandgp.bt.export.import_cpp import read_tree
 from islandgp.bt.export.json import from_json, to_json
-from islandgp.commands.domain_command import _plain
 from islandgp.commands.verify_command import verify
 from islandgp.compare.runs import find, read
 from islandgp.config.compose import planned
-from islandgp.domain import Scene, Thing
+from islandgp.domain import Scene, Schema, Thing
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.errors import IslandError
 from islandgp.evaluation.base import Problem
@@ -477,7 +477,7 @@ def _xml_trees() -> list[bytes]:
 
 
 def _declarations() -> list[bytes]:
-    return [as_json(_plain(SCHEMA))]
+    return [as_json(adapter(Schema).dump_python(SCHEMA, mode="json"))]
 
 
 def _plain_answers() -> list[bytes]:

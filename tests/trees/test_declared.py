@@ -96,25 +96,25 @@ selector {
     ("text", "message"),
     [
         ("", "expected JSON of"),
-        ("[]", "the file: input should be an object"),
+        ("[]", "the file: input should be a dictionary"),
         ('{"domain": "d"}', "actions: field required"),
         ('{"actions": {}}', "domain: field required"),
         ('{"domain": "a b", "actions": {}}', "found 'a b'"),
         (
             '{"domain": "d", "actions": {"A": {"statuses": ["DONE"]}}}',
-            "actions.A.statuses.0: input should be 'FAILURE', 'SUCCESS' or 'RUNNING'",
+            "actions.A.statuses: expected FAILURE, SUCCESS or RUNNING, found 'DONE'",
         ),
         (
             '{"domain": "d", "actions": {"A": {"to_start": [["x", "~", 1]]}}}',
-            "actions.A.to_start.0.1: input should be '<', '<=',",
+            "actions.A.to_start.0: expected one of <, <=,",
         ),
         (
             '{"domain": "d", "actions": {}, "keys": {"k": {"low": "1"}}}',
-            "keys.k.low: input should be a valid number",
+            "keys.k.low: expected a finite number",
         ),
         (
             '{"domain": "d", "actions": {"A": {"meanin": "acts"}}}',
-            "actions.A.meanin: extra inputs are not permitted",
+            "actions.A.meanin: unexpected keyword argument",
         ),
         ('{"domain": "d", "actions": {}, "keys": {"k": {"low": NaN}}}', "expected JSON of"),
         ("<root/>", "expected a <TreeNodesModel> with actions"),

@@ -10,13 +10,23 @@ A tree has e.g. `MoveTo(goal: door, speed: 0.8)`. Arguments that are left out ha
 
 from __future__ import annotations
 
+import json
+import re
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, fields
+from contextlib import suppress
+from dataclasses import dataclass
 from functools import cache
 from math import inf, isfinite, sqrt
-from numbers import Real
-from types import UnionType
-from typing import Any, Final, Literal, get_args, get_origin, get_type_hints
+from typing import Annotated, Any, ClassVar, Final, Literal, TypeAlias
+
+from pydantic import (
+    ConfigDict,
+    PlainSerializer,
+    PlainValidator,
+    Strict,
+    TypeAdapter,
+    ValidationError,
+)
 
 from islandgp.bt.core.kinds import NAME
 from islandgp.bt.core.node import ActionArgs, Node, Value
@@ -29,17 +39,32 @@ MAX_MAGNITUDE: Final = 1_000_000  # magnitude of a number
 SMALLEST_STEP: Final = 1e-9  # smallest step of random numbers
 
 
+def _finite(value: Any) -> Any:
+    with suppress(TypeError, OverflowError):
+        if not isinstance(value, bool | str) and isfinite(value):
+            return value
+    raise ValueError("expected a finite number")
+
+
+Number: TypeAlias = Annotated[float, PlainValidator(_finite), PlainSerializer(lambda n: n)]
+Flag: TypeAlias = Annotated[bool, Strict()]
+CHECKED: Final = ConfigDict(extra="forbid", revalidate_instances="always")
+"""How `validated` reads the fields of a declaration."""
+
+
 @dataclass(frozen=True, slots=True)
 class Parameter:
     """An argument of an action."""
 
+    __pydantic_config__: ClassVar = CHECKED
+
     meaning: str  # one line
     sort: Literal["number", "integer", "word", "flag", "text"]
-    default: Value  # a number, or a word; of a flag "no" or "yes"
-    low: float = 0.0  # of a number
-    high: float = 1.0
-    step: float | None = None  # random numbers are `low` plus a multiple of it; None: any number
-    logarithmic: bool = False  # True: random numbers are log-uniform
+    default: Number | str  # a number, or a word; of a flag "no" or "yes"
+    low: Number = 0.0  # of a number
+    high: Number = 1.0
+    step: Number | None = None  # random numbers are `low` plus a multiple of it; None: any number
+    logarithmic: Flag = False  # True: random numbers are log-uniform
     words: tuple[str, ...] = ()  # of a word or a flag
     unit: str = ""
 
@@ -188,11 +213,6 @@ def check_parameters(parameters: Mapping[str, Parameter], where: str) -> None:
     """
     for name, each in parameters.items():
         at = f"the argument {name} of {where}"
-        if not isinstance(each, Parameter):
-            raise DomainError(
-                f"Expected real, whole, one_of, switch or text for {at}, found {each!r}."
-            )
-        check_fields(each, at)
         for word in (name, *each.words):
             if not isinstance(word, str) or not NAME.fullmatch(word):
                 raise DomainError(
@@ -230,58 +250,57 @@ def _check_range(each: Parameter, at: str) -> None:
         raise DomainError(f"Expected whole numbers as low and high of {at}.")
 
 
-def check_fields(entry: object, where: str) -> None:
-    """Check the types of a dataclass's fields, and that its numbers are finite.
+def from_declaration(declaration: object) -> object:
+    """The fields of a `Parameter` from those in a file: a flag may be true or false."""
+    if not isinstance(declaration, Mapping):
+        return declaration
+    fields = {"meaning": "", **declaration}
+    if fields.get("sort") == "flag":
+        fields = {"words": NO_YES, **fields}
+        default = fields.get("default", NO_YES[0])
+        fields["default"] = NO_YES[default] if isinstance(default, bool) else default
+        if fields["default"] not in NO_YES:
+            found = json.dumps(default)
+            raise ValueError(f"expected no | yes as the default of a flag, found {found}")
+    return fields
+
+
+def validated(kind: Any, value: Any, where: str) -> Any:
+    """Validate declarations with their annotations.
 
     Args:
-        entry: an instance of a dataclass.
-        where: its name in messages.
+        kind: a type.
+        value: of this type.
+        where: its name in messages; if it has {}, of the entry of a mapping.
+
+    Returns:
+        The value; lists as tuples, and mappings of fields as objects.
 
     Raises:
-        DomainError: a field has a value of another type than its annotation.
+        DomainError: a part of the value has another type.
     """
-    kind: Any = type(entry)
-    for name in (each.name for each in fields(kind)):
-        value, hint = getattr(entry, name), _hints(kind)[name]
-        if not _fits(value, hint):
-            raise DomainError(
-                f"Expected {_expected(hint)} as {name} of {where}, found {value!r:.60}."
-            )
+    try:
+        return adapter(kind).validate_python(value)
+    except ValidationError as error:
+        at, expected, found = first_fault(error)
+        if "{}" in where:
+            where = where.format(at.pop(0) if at else "NAME")
+        if at[:1] == ["arguments"]:
+            where, at = f"the argument {at[1]} of {where}", at[2:]
+        expected = re.sub("^(expected|input should be) ", "", expected)
+        field = f"as {'.'.join(at)} of" if at else "for"
+        raise DomainError(f"Expected {expected} {field} {where}, found {found!r:.60}.") from None
+
+
+def first_fault(error: ValidationError) -> tuple[list[str], str, Any]:
+    """The path of the first wrong part, what is expected there, and what was found."""
+    first = error.errors(include_url=False, include_context=False)[0]
+    at = [str(each) for each in first["loc"] if each != "str" and "[" not in str(each)]
+    message = first["msg"].removeprefix("Value error, ")
+    return at, message[0].lower() + message[1:], first["input"]
 
 
 @cache
-def _hints(kind: type) -> dict[str, Any]:
-    return get_type_hints(kind)
-
-
-def _expected(hint: Any) -> str:
-    """An annotation in words."""
-    if get_origin(hint) is UnionType:
-        return " or ".join(map(_expected, get_args(hint)))
-    names = {float: "a finite number", str: "a text", bool: "True or False", type(None): "None"}
-    return names.get(hint) or str(hint).replace("collections.abc.", "").replace(", ...", "")
-
-
-def _fits(value: object, hint: Any) -> bool:
-    """True if a value has the annotated type; a number must be finite."""
-    origin, parts = get_origin(hint), get_args(hint)
-    if origin is UnionType:
-        return any(_fits(value, item) for item in parts)
-    if origin is Literal:
-        return value in parts
-    if origin is tuple:
-        return isinstance(value, tuple) and all(_fits(item, parts[0]) for item in value)
-    if origin is frozenset:
-        return isinstance(value, frozenset) and all(_fits(item, parts[0]) for item in value)
-    if origin is Mapping:
-        return isinstance(value, Mapping)
-    if hint is float:
-        return isinstance(value, Real) and _is_finite(value)
-    return isinstance(value, hint)
-
-
-def _is_finite(value: Real) -> bool:
-    try:
-        return isfinite(value)
-    except OverflowError:
-        return False
+def adapter(kind: Any) -> TypeAdapter[Any]:
+    """Reads and writes values of a type."""
+    return TypeAdapter(kind)

@@ -7,22 +7,28 @@ keys are declared nowhere else.
 from __future__ import annotations
 
 from collections.abc import Collection, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
-from typing import Any, Final
+from typing import Annotated, Any, ClassVar, Final, TypeAlias
+
+from pydantic import BeforeValidator, PlainSerializer, PlainValidator, Strict
 
 from islandgp.bt.core.condition import FLAG_OPERATORS, OPERATORS, WHOLE
 from islandgp.bt.core.condition import Condition as Condition  # for those who declare actions
 from islandgp.bt.core.kinds import NAME as NAME
 from islandgp.bt.core.kinds import RESERVED as RESERVED
-from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, Value
+from islandgp.bt.core.node import FAILURE, RUNNING, STATUS_NAMES, SUCCESS, Node, Value
 from islandgp.bt.core.parameters import (
+    CHECKED,
     MAX_MAGNITUDE,
     SMALLEST_STEP,
+    Flag,
+    Number,
     Parameter,
-    check_fields,
     check_parameters,
+    from_declaration,
     leaf_of,
+    validated,
     word_list,
 )
 from islandgp.bt.core.printer import Named
@@ -34,6 +40,57 @@ EQUALITY: Final = ("==", "!=")
 """The operators that compare words."""
 
 
+def _statuses(declared: Any) -> Any:
+    """Statuses from their names."""
+    if isinstance(declared, Collection) and not isinstance(declared, str):
+        if unknown := [s for s in declared if s not in STATUS_NAMES and s not in STATUSES]:
+            raise ValueError(f"expected FAILURE, SUCCESS or RUNNING, found {unknown[0]!r}")
+        return [STATUS_NAMES.index(s) if s in STATUS_NAMES else s for s in declared]
+    return declared
+
+
+def _condition(declared: Any) -> Condition:
+    """A condition from a list of a key, an operator and a right side: a number, word or key."""
+    if isinstance(declared, Condition):
+        return declared
+    if not isinstance(declared, list | tuple) or len(declared) != 3:
+        raise ValueError("expected a key, an operator, and a number, word or key")
+    key, operator, right = declared
+    if operator not in (*OPERATORS, *FLAG_OPERATORS):
+        raise ValueError(f"expected one of {', '.join((*OPERATORS, *FLAG_OPERATORS))}")
+    is_word = isinstance(right, str)
+    return Condition(key, operator, 0.0 if is_word else float(right), right if is_word else "")
+
+
+def _key(declared: Any) -> Any:
+    """The fields of a `Key` from those in a file; one with a range is a number by default."""
+    if not isinstance(declared, dict):
+        return declared
+    if declared.get("words") or {"words", "flag"} & declared.keys() == {"words"}:
+        last = len(word_list(declared["words"], "a key")) - 1
+        if last < 0:
+            raise ValueError("expected at least one word, found none")
+        return {**declared, "flag": False, "whole": True, "high": last, "most": last}
+    return {"flag": declared.keys() <= {"meaning"}, **declared}
+
+
+Statuses: TypeAlias = Annotated[
+    frozenset[Annotated[int, Strict()]],
+    BeforeValidator(_statuses),
+    PlainSerializer(lambda statuses: [STATUS_NAMES[each] for each in sorted(statuses)]),
+]
+Conditions: TypeAlias = tuple[
+    Annotated[
+        Condition,
+        PlainValidator(_condition),
+        PlainSerializer(
+            lambda c: [c.key, c.operator, c.other or getattr(c.number, "name", c.number)]
+        ),
+    ],
+    ...,
+]
+
+
 @dataclass(frozen=True, slots=True)
 class Action:
     """A leaf that acts on the world.
@@ -42,17 +99,21 @@ class Action:
     statuses, and `check` on the conditions.
     """
 
-    meaning: str  # one line: what it does, when it succeeds and fails
-    statuses: frozenset[int] = STATUSES  # that it can return
-    to_start: tuple[Condition, ...] = ()  # it fails in its first tick unless these hold
-    to_succeed: tuple[Condition, ...] = ()  # these hold in the tick in which it succeeds
+    __pydantic_config__: ClassVar = CHECKED
+
+    meaning: str = ""  # one line: what it does, when it succeeds and fails
+    statuses: Statuses = STATUSES  # that it can return
+    to_start: Conditions = ()  # it fails in its first tick unless these hold
+    to_succeed: Conditions = ()  # these hold in the tick in which it succeeds
     changes: Mapping[str, int] = field(default_factory=dict)
     """Keys that its success changes: -1 makes the value smaller, 1 larger."""
     after: tuple[str, ...] = ()
     """Actions that often succeed right before it. Random trees insert some of them before it."""
-    arguments: Mapping[str, Parameter] = field(default_factory=dict)
+    arguments: Mapping[str, Annotated[Parameter, BeforeValidator(from_declaration)]] = field(
+        default_factory=dict
+    )
     """By name, in the order in which trees are written."""
-    condition: bool = False  # never RUNNING and without effect; see `condition_leaf`
+    condition: Flag = False  # never RUNNING and without effect; see `condition_leaf`
     uses: tuple[str, ...] = ()
     """Resources that it holds until it ends, such as the base of a robot. Two actions that share
     one never run in the same tick."""
@@ -73,14 +134,16 @@ def condition_leaf(meaning: str, arguments: Mapping[str, Parameter] | None = Non
 class Key:
     """A blackboard entry that conditions can read."""
 
-    meaning: str  # one line, with the unit
-    flag: bool = True  # yes or no; False: a number
-    low: float = 0.0  # least value
-    high: float = 1.0  # greatest threshold of a random tree
-    step: float = 1.0  # distance between two thresholds of random trees, > 0
-    most: float | None = None  # greatest value in any world; None: unbounded
-    noise: float = 0.0  # standard deviation that perturbed worlds add to a number, >= 0
-    whole: bool = False  # True: a whole number, of which thresholds have no decimals
+    __pydantic_config__: ClassVar = CHECKED
+
+    meaning: str = ""  # one line, with the unit
+    flag: Flag = True  # yes or no; False: a number
+    low: Number = 0.0  # least value
+    high: Number = 1.0  # greatest threshold of a random tree
+    step: Number = 1.0  # distance between two thresholds of random trees, > 0
+    most: Number | None = None  # greatest value in any world; None: unbounded
+    noise: Number = 0.0  # standard deviation that perturbed worlds add to a number, >= 0
+    whole: Flag = False  # True: a whole number, of which thresholds have no decimals
     words: tuple[str, ...] = ()  # its values if it is one of some words; else empty
 
     @property
@@ -165,23 +228,8 @@ def is_name(word: str) -> bool:
     return isinstance(word, str) and NAME.fullmatch(word) is not None and word not in RESERVED
 
 
-def check_entries(kind: type, entries: Mapping[str, object], where: str) -> None:
-    """Raises DomainError for an entry of another type; `where` has {} for its name."""
-    if not isinstance(entries, Mapping):
-        raise DomainError(
-            f"Expected a mapping, name to {kind.__name__}(...), for {where.format('NAME')}, found"
-            f" {entries!r:.60}."
-        )
-    for name, entry in entries.items():
-        if not isinstance(entry, kind):
-            raise DomainError(
-                f"Expected {kind.__name__}(...) for {where.format(name)}, found {entry!r}."
-            )
-
-
 def _check_action(action: Action, where: str, keys: Mapping[str, Key]) -> None:
     """Raises DomainError for invalid statuses, conditions or changes."""
-    check_fields(action, where)
     if not action.statuses or not STATUSES.issuperset(action.statuses):
         raise DomainError(
             f"Expected statuses among FAILURE, SUCCESS and RUNNING for {where}, found"
@@ -253,6 +301,22 @@ def _check_words(key: Key, where: str, keys: Mapping[str, Key]) -> None:
         raise DomainError(f"Expected different words for {where}, found {[*key.words]}.")
 
 
+def _with_words(action: Action, keys: Mapping[str, Key]) -> Action:
+    """The action with the numbers of words in its conditions."""
+
+    def numbered(term: Condition) -> Condition:
+        key = keys.get(term.key)
+        if key is None or term.other not in key.words:
+            return term
+        return Condition(term.key, term.operator, key.number_of(term.other))
+
+    start, succeed = (tuple(map(numbered, each)) for each in (action.to_start, action.to_succeed))
+    return replace(action, to_start=start, to_succeed=succeed)
+
+
+Actions: TypeAlias = Mapping[str, Action]
+Keys: TypeAlias = Mapping[str, Annotated[Key, BeforeValidator(_key)]]
+
 UNKNOWN: Final = Action("")
 """The declaration assumed for an action that a vocabulary does not declare."""
 
@@ -267,8 +331,8 @@ class Vocabulary:
     """
 
     domain: str  # its name, as in `domain NAME` of a tree file
-    actions: Mapping[str, Action]
-    keys: Mapping[str, Key]
+    actions: Actions
+    keys: Keys = field(default_factory=dict)
     resources: tuple[str, ...] = ()  # that actions may use; empty: those that they name
 
     def __post_init__(self) -> None:
@@ -279,8 +343,12 @@ class Vocabulary:
                     "Expected a name of letters, digits and _ that is not a keyword of the"
                     f" language, found {name!r} in the domain {self.domain!r}; rename it."
                 )
-        check_entries(Action, self.actions, f"the action {{}} of the domain {self.domain}")
-        check_entries(Key, self.keys, f"the key {{}} of the domain {self.domain}")
+        of_domain = f"of the domain {self.domain}"
+        keys = validated(Keys, self.keys, f"the key {{}} {of_domain}")
+        actions = validated(Actions, self.actions, f"the action {{}} {of_domain}")
+        actions = {name: _with_words(action, keys) for name, action in actions.items()}
+        object.__setattr__(self, "keys", keys)
+        object.__setattr__(self, "actions", actions)
         if twice := self.actions.keys() & self.keys.keys():
             raise DomainError(
                 f"Expected each name once in the domain {self.domain}, found {min(twice)!r} as an"
@@ -303,7 +371,6 @@ class Vocabulary:
                     )
         for name, key in self.keys.items():
             where = f"the key {name} of the domain {self.domain}"
-            check_fields(key, where)
             if key.words or key.flag:
                 _check_words(key, where, self.keys)
             else:

@@ -10,24 +10,23 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final, Literal
+from typing import Any, Final
 
-from pydantic import BaseModel, Field, FiniteFloat, ValidationError, model_validator
+from pydantic import ValidationError
 
 from islandgp.bt.core import parameters
-from islandgp.bt.core.condition import OPERATORS, Condition
+from islandgp.bt.core.condition import OPERATORS
 from islandgp.bt.core.language import domain_of, parse
-from islandgp.bt.core.node import STATUS_NAMES, Node, asked_in
+from islandgp.bt.core.node import Node, asked_in
 from islandgp.bt.core.parameters import (
-    NO_YES,
     Parameter,
-    fits,
+    adapter,
+    first_fault,
     real,
     switch,
-    value_range,
     whole,
 )
 from islandgp.bt.core.scope import MAX_NUMBER
@@ -38,7 +37,6 @@ from islandgp.bt.core.vocabulary import (
     Key,
     Vocabulary,
     condition_leaf,
-    enumeration,
     is_name,
 )
 from islandgp.bt.export.branching import PRECONDITIONS
@@ -164,108 +162,6 @@ def _scripts(element: Element) -> Iterator[str]:
         waiting += each.children
 
 
-_Condition = tuple[str, Literal["<", "<=", ">", ">=", "==", "!=", "is", "not"], FiniteFloat | str]
-
-
-class _Parameter(BaseModel, extra="forbid"):
-    """An entry of `arguments`."""
-
-    meaning: str = ""
-    sort: Literal["number", "integer", "word", "flag", "text"]
-    default: FiniteFloat | bool | str
-    low: FiniteFloat = 0.0
-    high: FiniteFloat = 1.0
-    step: FiniteFloat | None = None
-    logarithmic: bool = False
-    words: list[str] = []
-    unit: str = ""
-
-    @model_validator(mode="after")
-    def _has_default(self) -> _Parameter:
-        parameter = self.parameter()
-        if not parameter.numeric and not fits(parameter, parameter.default):
-            number = isinstance(self.default, float) and not isinstance(self.default, bool)
-            found = f"{self.default:g}" if number else json.dumps(self.default)
-            expected = f"expected {value_range(parameter)} as the default of a {self.sort}"
-            raise ValueError(f"{expected}, found {found}")
-        return self
-
-    def parameter(self) -> Parameter:
-        words = NO_YES if self.sort == "flag" and not self.words else tuple(self.words)
-        default: float | str = self.default
-        if self.sort == "flag" and isinstance(default, bool):
-            default = NO_YES[default]
-        return Parameter(**{**dict(self), "words": words, "default": default})
-
-
-class _Action(BaseModel, extra="forbid"):
-    """An entry of `actions`."""
-
-    meaning: str = ""
-    statuses: list[Literal["FAILURE", "SUCCESS", "RUNNING"]] = Field(
-        default=["FAILURE", "SUCCESS", "RUNNING"], min_length=1
-    )
-    to_start: list[_Condition] = []
-    to_succeed: list[_Condition] = []
-    changes: dict[str, Literal[-1, 1]] = {}
-    after: list[str] = []
-    arguments: dict[str, _Parameter] = {}
-    condition: bool = False
-    uses: list[str] = []
-
-    def action(self, keys: Mapping[str, Key]) -> Action:
-        return Action(
-            self.meaning,
-            frozenset(map(STATUS_NAMES.index, self.statuses)),
-            tuple(_condition(*each, keys) for each in self.to_start),
-            tuple(_condition(*each, keys) for each in self.to_succeed),
-            self.changes,
-            tuple(self.after),
-            {name: each.parameter() for name, each in self.arguments.items()},
-            self.condition,
-            tuple(self.uses),
-        )
-
-
-def _condition(key: str, operator: str, right: float | str, keys: Mapping[str, Key]) -> Condition:
-    """A condition whose right side is a number, a word of the key or another key."""
-    if not isinstance(right, str):
-        return Condition(key, operator, right)
-    if key in keys and right in keys[key].words:
-        return Condition(key, operator, keys[key].number_of(right))
-    return Condition(key, operator, 0.0, right)
-
-
-class _Key(BaseModel, extra="forbid"):
-    """An entry of `keys`; one with a range is a number by default."""
-
-    meaning: str = ""
-    flag: bool = True
-    low: FiniteFloat = 0.0
-    high: FiniteFloat = 1.0
-    step: FiniteFloat = 1.0
-    most: FiniteFloat | None = None
-    noise: FiniteFloat = 0.0
-    whole: bool = False
-    words: list[str] = []
-
-    def key(self) -> Key:
-        declared = self.model_fields_set
-        if "words" in declared:
-            return enumeration(self.meaning, self.words)
-        flag = self.flag if "flag" in declared else declared <= {"meaning"}
-        return Key(**{**dict(self), "words": (), "flag": flag})
-
-
-class _Words(BaseModel):
-    """A vocabulary; other entries of a schema are ignored."""
-
-    domain: str
-    actions: dict[str, _Action]
-    keys: dict[str, _Key] = {}
-    resources: list[str] = []
-
-
 def _line(text: str, plain: Any, path: Sequence[str | int]) -> int:
     """The line of the last key on a path into a JSON text, whose value is `plain`."""
     at = 0
@@ -281,18 +177,15 @@ def _schema(text: str, name: str) -> Vocabulary:
     try:
         plain = read_json(text.removeprefix("\ufeff"))
         declaration = plain.get("vocabulary", plain) if isinstance(plain, dict) else plain
-        declared = _Words.model_validate_json(json.dumps(declaration), strict=True)
-        keys = {name: entry.key() for name, entry in declared.keys.items()}
-        actions = {action: entry.action(keys) for action, entry in declared.actions.items()}
-        return Vocabulary(declared.domain, actions, keys, tuple(declared.resources))
+        return adapter(Vocabulary).validate_python(declaration)  # type: ignore[no-any-return]
     except ValidationError as error:
-        first = error.errors(include_url=False, include_context=False)[0]
-        at = ".".join(map(str, first["loc"])) or "the file"
-        path = ("vocabulary", *first["loc"], *["default"] * (first["type"] == "value_error"))
-        line, reason = _line(text, plain, path), first["msg"].removeprefix("Value error, ")
+        path, reason, _ = first_fault(error)
+        at, line = (
+            ".".join(path) or "the file",
+            _line(text, plain, ("vocabulary", *path, "default")),
+        )
         raise DomainError(
-            f"{name}:{line}: {at:.100}: {reason[0].lower()}{reason[1:]}; see `islandgp domain"
-            " --json`."
+            f"{name}:{line}: {at:.100}: {reason}; see `islandgp domain --json`."
         ) from None
     except DomainError as error:
         raise DomainError(f"{name}: {error}") from None
