@@ -54,7 +54,8 @@ def test_nothing_else_travels(core: Path) -> None:
 
 def test_a_run_from_another_folder(python: Path, tmp_path: Path) -> None:
     """`python -m islandgp` runs in an empty folder, from the wheel's own configuration."""
-    overrides = ("experiment=smoke", "tracking=off", "progress=off", "evaluator.policy.workers=1")
+    small = ("gp.population=8", "gp.generations=2", "evaluator=serial")
+    overrides = ("experiment=smoke", "domain=cartpole", "tracking=off", "progress=off", *small)
     output = call(python, "-m", "islandgp", *overrides, cwd=tmp_path)
     assert "Best robot" in output
     assert [path.name for path in tmp_path.iterdir()] == ["runs"]

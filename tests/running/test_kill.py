@@ -31,7 +31,7 @@ pytestmark = [
     pytest.mark.skipif(sys.platform != "linux", reason="looks for processes in /proc"),
 ]
 
-SLOW = (*TINY, "gp.generations=12", *fake("Slow", seconds=0.2))
+SLOW = (*TINY, "gp.generations=12", "gp.validation=0", *fake("Slow", seconds=0.2))
 
 
 def same_run(one: Path, other: Path, name: str) -> None:
@@ -53,7 +53,7 @@ def test_a_run_killed_three_times_ends_like_one_that_was_not(tmp_path: Path) -> 
     for home in (straight, killed):
         home.mkdir()
     undisturbed = start(straight, *SLOW)
-    records = killed / "runs/default/baseline-seed0-gp.generations=12-gp.population=8"
+    records = killed / "runs/default/baseline-seed0-gp.generations=12-gp.population=8-gp.validation=0"
     for generations in (2, 5, 9):
         process = start(killed, *SLOW)
         wait_until(lambda: lines(records / "generations.jsonl") >= generations, process)  # noqa: B023 -- called at once
