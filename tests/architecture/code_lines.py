@@ -57,6 +57,7 @@ def of_a_default_run(package: Path) -> int:
     """The lines of code of the package's modules that a short default run imports."""
     command = [sys.executable, "-X", "importtime", "-m", package.name]
     command += ["gp.generations=1", "gp.population=4", "gp.validation=0", "tracking=off"]
+    command += ["evaluator.policy.workers=1"]
     with TemporaryDirectory() as runs:
         process = subprocess.run(
             [*command, f"runs={runs}"],

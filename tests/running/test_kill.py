@@ -53,7 +53,8 @@ def test_a_run_killed_three_times_ends_like_one_that_was_not(tmp_path: Path) -> 
     for home in (straight, killed):
         home.mkdir()
     undisturbed = start(straight, *SLOW)
-    records = killed / "runs/default/baseline-seed0-gp.generations=12-gp.population=8-gp.validation=0"
+    name = "baseline-seed0-gp.generations=12-gp.population=8-gp.validation=0"
+    records = killed / "runs/default" / name
     for generations in (2, 5, 9):
         process = start(killed, *SLOW)
         wait_until(lambda: lines(records / "generations.jsonl") >= generations, process)  # noqa: B023 -- called at once
@@ -62,7 +63,7 @@ def test_a_run_killed_three_times_ends_like_one_that_was_not(tmp_path: Path) -> 
     code, output = finish(start(killed, *SLOW))
     assert code == 0, output
     assert finish(undisturbed)[0] == 0
-    same_run(straight, killed, f"default/{records.name}")
+    same_run(straight, killed, f"default/{name}")
 
 
 @pytest.mark.slow
