@@ -34,8 +34,21 @@ def space(trial: optuna.Trial) -> list[str]:
     ]
 
 
+TASK = ("domain", "world", "rewards", "curriculum", "classes")
+"""Groups that define what points are."""
+COMPARABLE = ("mean_diversity", "seconds")
+"""Objectives that are not in points."""
+
+
 def objective(trial: optuna.Trial, overrides: list[str]) -> tuple[float, ...]:
     """Run a trial; return its objectives."""
+    varied = [word for word in space(trial) if word.lstrip("+").startswith(TASK)]
+    if varied and (scaled := set(OBJECTIVES) - set(COMPARABLE)):
+        sys.exit(
+            f"Expected an objective that {varied[0].partition('=')[0]} does not define, found"
+            f" {', '.join(scaled)}: its best trial would be the one with the most generous points;"
+            " search over other keys, or sweep over these and use islandgp compare."
+        )
 
     def prune(record: islandgp.GenerationRecord) -> None:
         trial.report(record.snapshot.best, record.snapshot.generation)
@@ -94,6 +107,8 @@ def main() -> None:
         study = search(arguments.overrides, arguments.trials, arguments.storage, arguments.seed)
     except KeyboardInterrupt:
         sys.exit("stopped; the same command continues the search")
+    if not study.get_trials(states=(TrialState.COMPLETE,)):
+        sys.exit("no trial has completed; the first error is above")
     for trial in study.best_trials:  # several: none is worse than another in every objective
         print(dict(zip(OBJECTIVES, trial.values, strict=True)), trial.params)
 

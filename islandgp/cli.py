@@ -71,6 +71,7 @@ COMMANDS: Final = {
         "runs/default/llm-seed0 --generation 3",
     ),
     "verify": CommandInfo("compare runs with the checksums of their records", "runs/default"),
+    "delete": CommandInfo("delete a run on disk and in MLflow", "runs/default/expert-seed0"),
     "sync": CommandInfo("send missing records to the tracking server", "runs/default"),
     "new": CommandInfo("make a folder with a robot of your own that runs at once", "my_robot"),
     "examples": CommandInfo("list the example trees, or print one", "all_rounder"),

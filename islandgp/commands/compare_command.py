@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import click
+from click.core import ParameterSource
 
 from islandgp.commands.files import FOLDER, check_folder, unusable
 from islandgp.commands.options import grouped, with_config_dir_option, with_workers_option
@@ -61,8 +63,9 @@ OPTIONS = (
     click.option(
         "--runs",
         type=click.Path(path_type=Path),
-        default=Path("runs"),
-        help="Folder of the runs.",
+        multiple=True,
+        default=["runs"],
+        help="Folder of the runs; several: --runs A --runs B, or --runs A B.",
     ),
     click.option(
         "--arm",
@@ -75,14 +78,17 @@ OPTIONS = (
 
 
 @click.command(epilog=EPILOG)
+@click.argument("more", nargs=-1, type=click.Path(path_type=Path), metavar="[RUNS]...")
 @grouped("options", CompareOptions, *OPTIONS)
 @with_config_dir_option
-def command(options: CompareOptions) -> None:
+def command(options: CompareOptions, more: tuple[Path, ...]) -> None:
     """Compare arms of runs by tables, figures and statistics.
 
     Prints the result, and writes a page (index.html), CSV files and figures (SVG, PNG).
     """
-    study, plan, folder = select_study(options)
+    given = click.get_current_context().get_parameter_source("runs") is ParameterSource.COMMANDLINE
+    folders = (*options.runs[: None if given or not more else 0], *more)
+    study, plan, folder = select_study(replace(options, runs=folders))
     check_folder(folder)
     make = partial(Processes, workers=options.workers or cores())
     report = build(study, plan, worlds=options.worlds, make=make)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from typing import Any, Final
 
@@ -221,15 +221,26 @@ Members = dict[str, tuple[list[RunEntry], Mapping[str, str]]]
 
 
 def _by_arm(runs: Sequence[RunEntry]) -> tuple[Members, list[str], frozenset[str]]:
-    """The runs by arm, a note on runs that are no jobs of their sweep, and the studied keys."""
-    files = {folder: SweepFolder(folder).read() for folder in {run.path.parent for run in runs}}
+    """The runs by arm, a note on runs that are no jobs of their sweep, and the studied keys.
+
+    Folders of one name are parts of one sweep, whose arms differ in what any part varies.
+    """
+    folders = {run.path.parent: SweepFolder(run.path.parent).read() for run in runs}
+    jobs = {
+        name: tuple(
+            job for f, file in folders.items() if file and f.name == name for job in file.jobs
+        )
+        for name in {folder.name for folder in folders}
+    }
+    files = {f: file and replace(file, jobs=jobs[f.name]) for f, file in folders.items()}
     members: Members = {}
     others: list[str] = []
     for run in runs:
         file = files[run.path.parent]
         label, levels = str(run.flat["supervisor.name"]), dict[str, str]()
         if file is not None:
-            job = next((job for job in file.jobs if job.folder == run.path.name), None)
+            own = folders[run.path.parent] or file
+            job = next((job for job in own.jobs if job.folder == run.path.name), None)
             if job is None:
                 others.append(run.path.name)
                 continue

@@ -39,8 +39,7 @@ from islandgp.compare.findings import (
 )
 from islandgp.compare.measures import MEAN_MAX, OVERHEAD, POINTS, Measure, training_measures
 from islandgp.compare.runs import find
-from islandgp.compare.table import Table, number, probability
-from islandgp.compare.texts import note
+from islandgp.compare.table import Table, note, number, probability
 from islandgp.records.parameters import short_key
 from islandgp.statistics import UNTESTED, smallest_difference
 
@@ -58,7 +57,7 @@ class CompareOptions:
     """What to compare, and how."""
 
     arms: tuple[str, ...] = ()  # NAME=SELECTION, or a printed name; (): those of the sweep
-    runs: Path = Path("runs")
+    runs: tuple[Path, ...] = (Path("runs"),)  # folders
     name: str | None = None  # of a sweep
     out: Path | None = None  # folder of the report; None: study/NAME
     primary: str | None = None
@@ -190,10 +189,11 @@ def select_study(options: CompareOptions) -> tuple[Comparison, AnalysisPlan, Pat
         StudyError: there are no such arms, they are not comparable, or the plan does not fit them.
     """
     plan = parse_plan(options.families, options.primary, options.margins)
-    runs = find(options.runs)
+    entries = (run for folder in options.runs for run in find(folder))
+    runs = list({run.path.resolve(): run for run in entries}.values())
     runs = runs if options.name is None else named(options.name, runs)
     arms, notes = select_arms(options.arms, runs) if options.arms else arms_of_sweep(runs)
-    study = compare_arms(arms, force=options.force, notes=notes, sources=[str(options.runs)])
+    study = compare_arms(arms, force=options.force, notes=notes, sources=[*map(str, options.runs)])
     later = champion_keys(study) if options.worlds else ()
     check_plan(plan, study, [*(m.key for m in study_measures(study)), *later])
     name = "-".join(study.names) if options.arms else str(study.arms[0].runs[0].config["name"])

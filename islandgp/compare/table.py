@@ -4,8 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from functools import cache
 from math import isinf, isnan
-from typing import TYPE_CHECKING, Final, Self
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, Self
+
+import yaml
 
 from islandgp.statistics import Interval, mean_sd
 
@@ -30,6 +34,16 @@ class Table:
         from pandas import DataFrame
 
         return cls(key, title, DataFrame(list(rows)).fillna(NONE), notes)
+
+
+def note(key: str, **values: object) -> str:
+    """A note below a table, or a paragraph, from texts.yaml, filled in with `values`."""
+    return str(_texts()[key]).format(**values)
+
+
+@cache
+def _texts() -> Any:
+    return yaml.safe_load(Path(__file__).with_name("texts.yaml").read_text(encoding="utf-8"))
 
 
 MINUS: Final = "\N{MINUS SIGN}"

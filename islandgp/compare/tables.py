@@ -22,12 +22,12 @@ from islandgp.compare.table import (
     Table,
     change,
     interval,
+    note,
     number,
     percent,
     probability,
     spread,
 )
-from islandgp.compare.texts import note
 from islandgp.gp.population import Origin
 from islandgp.scoring.constraints import in_words
 from islandgp.statistics import UNTESTED, Interval, mean_interval

@@ -15,6 +15,7 @@ from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra._internal.utils import get_args_parser
 from hydra.core.override_parser.types import Override, RangeSweep
 from hydra.errors import HydraException
+from hydra.types import RunMode
 from omegaconf import DictConfig, OmegaConf, open_dict
 from omegaconf.errors import OmegaConfBaseException
 
@@ -73,11 +74,9 @@ def _swept(args: argparse.Namespace, source: ConfigSource) -> list[Override]:
         ConfigError: an override, or the sweeper, is wrong.
     """
     overrides = parsed(args.overrides, source)
-    hydra_overrides = [o for o in args.overrides if o.lstrip("+~").startswith("hydra")]
-    if not (hydra_overrides or args.config_dir or args.config_path or args.config_name):
+    if not _sets_hydra(args):
         return overrides  # the sweeper is Hydra's default
-    firsts = [_with_first_value(override) for override in overrides]
-    sweeper = _component(composed_config(firsts, source).hydra, "sweeper")
+    sweeper = _component(_first_job(overrides, source).hydra, "sweeper")
     if sweeper.get("_target_") != BASIC:
         raise ConfigError(
             f"hydra/sweeper: expected Hydra's basic sweeper, found {sweeper.get('_target_')};"
@@ -86,6 +85,24 @@ def _swept(args: argparse.Namespace, source: ConfigSource) -> list[Override]:
     params = [f"{key}={value}" for key, value in (sweeper.get("params") or {}).items()]
     last = {key_of(str(o.input_line)): o for o in [*parsed(params, source), *overrides]}
     return list(last.values())
+
+
+def _sets_hydra(args: argparse.Namespace) -> bool:
+    """True if the command, or a file of the user, may set keys of Hydra."""
+    words = [o for o in args.overrides if o.lstrip("+~").startswith("hydra")]
+    return bool(words or args.config_dir or args.config_path or args.config_name)
+
+
+def is_sweep_file(args: argparse.Namespace, source: ConfigSource) -> bool:
+    """True if a file sets `hydra.mode: MULTIRUN`, which is the same as -m. Raises ConfigError."""
+    if not _sets_hydra(args):
+        return False
+    return _first_job(parsed(args.overrides, source), source).hydra.mode is RunMode.MULTIRUN
+
+
+def _first_job(overrides: Sequence[Override], source: ConfigSource) -> DictConfig:
+    """The configuration with the first value of each sweep. Raises ConfigError."""
+    return composed_config([_with_first_value(override) for override in overrides], source)
 
 
 def _with_first_value(override: Override) -> str:

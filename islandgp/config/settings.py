@@ -26,7 +26,7 @@ from islandgp.evaluation.perturbation import Perturbation
 from islandgp.evaluation.worlds import staged
 from islandgp.evolution.prune import Pruning
 from islandgp.gp.archive import ArchiveSettings
-from islandgp.gp.plan import GP, Allocation, Budget, Plan, Stop, Switches
+from islandgp.gp.plan import GP, Allocation, Budget, Plan, Stop, Switches, is_read
 from islandgp.gp.random_trees import check_growth
 from islandgp.plugin import ComponentConfig, ImportedClass, defined_in, path_of, plugin_errors
 from islandgp.scoring.classes import Classes
@@ -133,6 +133,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     name: str = Field(pattern=NAME, max_length=60)
     runs: str = Field(min_length=1)
     resume: Literal["auto", "never", "force"]
+    keep_going: bool = True  # of a sweep, after a job has failed
     progress: Literal["auto", "plain", "off"]
     tags: dict[Annotated[str, Field(pattern=TAG)], TagValue] = Field(default_factory=dict)
     start: str | None = Field(None, min_length=1)
@@ -168,13 +169,6 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
             return value  # the domain reports its own error
         model = domain.factory.World if info.field_name == "world" else domain.factory.Rewards
         return model.model_validate(value)  # its errors become errors of this field
-
-    @property
-    def library_episodes(self) -> int | None:
-        """Most episodes of the search for a library; None: no limit."""
-        return self.budget.library_episodes(
-            self.gp.population, self.gp.episodes, self.gp.validation
-        )
 
     def make_domain(self) -> Domain:
         """The domain with its world and rewards. Raises ConfigError if it rejects them."""
@@ -260,12 +254,13 @@ def with_generations(config: Mapping[str, Any]) -> Mapping[str, Any]:
 def _conflicts(settings: Settings) -> Iterator[str]:
     """A line for each value that conflicts with another setting."""
     gp, supervisor = settings.gp, settings.supervisor
+    read = settings.search.reads()
     for key, value, most, bound in (
         ("gp.tournament_size", gp.tournament_size, gp.population, "gp.population"),
         ("supervisor.lag", supervisor.lag, gp.generations - 1, "gp.generations - 1"),
         ("supervisor.edits", supervisor.edits, gp.population - 3, "gp.population - 3"),
     ):
-        if value > most:
+        if value > most and (key.startswith("supervisor.") or is_read(key, read)):
             yield f"{key}: expected at most {bound} = {most}, found {value}"
     for tag in settings.tags:
         if tag in OWN_TAGS or tag.startswith(MACHINES_TAGS):

@@ -171,7 +171,8 @@ class Budget(BaseModel, frozen=True, extra="forbid"):
             ValueError: the budget is smaller than one generation and its validation.
         """
         assert self.episodes is not None
-        one, minimum = population * episodes, least_episodes(population, episodes, validation)
+        one = population * episodes
+        minimum = one + (max(1, round(validation * one)) if validation else 0)
         if self.episodes < minimum:
             raise ValueError(
                 f"budget.episodes: expected at least {minimum:,}, one generation and its"
@@ -185,22 +186,6 @@ class Budget(BaseModel, frozen=True, extra="forbid"):
                 f" generations, found {self.episodes:,}; lower it, or raise gp.population"
             )
         return max(1, int(self.episodes * (1 - pruning) / (1 + validation)) // one)
-
-    def library_episodes(self, population: int, episodes: int, validation: float) -> int | None:
-        """Most episodes of the search for a library: a quarter, and one generation is left.
-
-        None: no limit, as there is no budget. The arguments are those of `generations`.
-        """
-        if self.episodes is None:
-            return None
-        left = self.episodes - least_episodes(population, episodes, validation)
-        return min(left, self.episodes // 4)
-
-
-def least_episodes(population: int, episodes: int, validation: float) -> int:
-    """Episodes of one generation and its validation; the arguments are those of `Budget`."""
-    one = population * episodes
-    return one + (max(1, round(validation * one)) if validation else 0)
 
 
 class Stop(BaseModel, frozen=True, extra="forbid"):

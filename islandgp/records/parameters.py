@@ -10,7 +10,9 @@ from typing import Any, Final
 
 from islandgp.redaction import FREE, HIDDEN, names_secret, without_secrets
 
-RUNTIME_KEYS: Final = frozenset({"evaluator", "tracking", "runs", "resume", "progress", "tags"})
+RUNTIME_KEYS: Final = frozenset(
+    {"evaluator", "tracking", "runs", "resume", "keep_going", "progress", "tags"}
+)
 """Top-level keys that do not change a run's records, except for a user's evaluator class."""
 
 TASK: Final = frozenset({"domain", "world", "rewards", "curriculum", "classes"})

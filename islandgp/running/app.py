@@ -7,7 +7,6 @@ first run.
 from __future__ import annotations
 
 import argparse
-import errno
 import os
 import sys
 import traceback
@@ -21,7 +20,7 @@ from hydra._internal.utils import get_args_parser
 from hydra.errors import HydraException
 
 from islandgp.config.api_key import NONE, key_in, without_key
-from islandgp.config.compose import Planned, planned
+from islandgp.config.compose import Planned, is_sweep_file, planned
 from islandgp.config.errors import USER_ERRORS, explain, parsed
 from islandgp.config.naming import command_line
 from islandgp.config.reads import must_be_read
@@ -77,6 +76,8 @@ def _main(arguments: Sequence[str] | None) -> int:
         print("islandgp: stopped; the same command continues the run", file=sys.stderr)
         return 130
     except Exception as error:
+        from islandgp.running.shortage import shortage  # only for an error
+
         if reason := shortage(error):
             print(f"islandgp: {reason}", file=sys.stderr)
             return 2
@@ -121,6 +122,7 @@ def _planned(args: argparse.Namespace, argv: Sequence[str]) -> list[Planned]:
     """The command's jobs. Prints progress."""
     if args.run and args.multirun:
         raise ConfigError("--run: expected no --multirun beside it, found both; leave one out")
+    args.multirun = args.multirun or (not args.run and is_sweep_file(args, ConfigSource.of(args)))
     jobs: list[Planned] = []
     for job in planned(args, argv, Path.cwd()):
         jobs.append(job)
@@ -205,32 +207,3 @@ def _run_single(job: Planned, command: str) -> int:
         print(f"islandgp: {MOSTLY_FALLBACK}", file=sys.stderr)
         return 3
     return 0
-
-
-RESOURCE_ERRORS: Final = frozenset({errno.EAGAIN, errno.EMFILE, errno.ENFILE, errno.ENOMEM})
-RESOURCE_MESSAGES: Final = (
-    "can't start new thread",
-    "failed to map segment",
-    "cannot allocate memory",
-)
-"""Parts of messages of other errors in that case, in lower case."""
-
-
-def shortage(error: BaseException) -> str:
-    """The message if an error, or one of its causes, is a lack of resources; else an empty text."""
-    cause: BaseException | None = error
-    while cause is not None:
-        if isinstance(cause, OSError):
-            short = cause.errno in RESOURCE_ERRORS
-        else:
-            named = any(sign in str(cause).lower() for sign in RESOURCE_MESSAGES)
-            short = named or isinstance(cause, MemoryError)
-        if short:
-            return (
-                "Expected enough memory, processes and open files for the run, found:"
-                f" {str(cause) or 'no more memory'}; raise the limit that is too low"
-                " (ulimit -a shows them), or set fewer evaluator.policy.workers, and repeat the"
-                " command."
-            )
-        cause = cause.__cause__ or cause.__context__
-    return ""

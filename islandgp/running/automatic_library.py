@@ -79,10 +79,19 @@ def library_file(settings: Settings, domain: Domain) -> Path:
             "gp": {"trees", "mutation", "max_depth", "max_nodes"},
         },
     )
-    most = settings.library_episodes
+    most = most_episodes(settings)
     key = json.dumps([SEARCH, shape, repr(domain.schema), domain_code(settings), most])
     digest = hashlib.sha256(key.encode()).hexdigest()[:16]
     return Path(settings.runs) / ".libraries" / f"{digest}.json"
+
+
+def most_episodes(settings: Settings) -> float:
+    """Most episodes of the search: a quarter of the budget, which leaves one generation."""
+    if settings.budget.episodes is None:
+        return inf
+    one = settings.gp.population * settings.gp.episodes
+    left = settings.budget.episodes - one - max(1, round(settings.gp.validation * one))
+    return max(0, min(left, settings.budget.episodes // 4))
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,7 +115,7 @@ def _search(
     behaviours = [*settings.classes.behaviours]
     space = settings.plan(domain).space
     stages = list(_stages(settings))
-    most = inf if settings.library_episodes is None else settings.library_episodes
+    most = most_episodes(settings)
     by_behaviour: dict[str, Node] = {}
     _say("searching for a tree of each behaviour, once")
     with closing(make_evaluator()) as evaluator:

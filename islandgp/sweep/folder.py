@@ -10,6 +10,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from time import time
+from typing import Final
 from uuid import uuid4
 
 from filelock import FileLock
@@ -22,6 +23,8 @@ from islandgp.records.files import pretty
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.locks import locked, take
 from islandgp.records.parameters import key_of, short_key
+
+MAX_TAG: Final = 5000  # characters of a tag's value in MLflow
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,6 +69,11 @@ class SweepFile:
             key_of(choice).replace("/", "."): choice.partition("=")[2]
             for choice in sorted(different, key=key_of)
         }
+
+    def tags(self, job: SweepJob) -> dict[str, str]:
+        """A job's values of the keys that the sweep studies, as tags by short name."""
+        keys = self.studied_keys()
+        return {f"factor.{short_key(k, keys)}": v[:MAX_TAG] for k, v in self.levels(job).items()}
 
     def studied_keys(self) -> frozenset[str]:
         """Keys, and groups with dots, of the overrides that are not common to all jobs."""

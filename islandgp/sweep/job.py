@@ -60,6 +60,8 @@ def sweep_job(start: Start) -> Callable[[DictConfig], None]:
             target = start.run(named)
             if start.failed(target):
                 return  # it failed in this sweep before the launcher was restarted
+            if not settings.keep_going and any(map(start.failed, start.runs())):
+                return
             fitted_settings = fitted(settings, hydra.launcher, len(start.jobs))
             attempt(target, plain, fitted_settings, home, start.jobs[named].command, start)
 

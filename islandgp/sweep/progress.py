@@ -109,7 +109,7 @@ class Watch:
     """Shows the line while a launcher is at work. A context manager."""
 
     def __init__(self, start: Start, mode: Literal["auto", "plain", "off"]) -> None:
-        """`auto`: one live line on a terminal, else a line whenever a job has ended."""
+        """`auto` and `plain`: a line whenever a job has ended."""
         self.start = start
         self.mode = mode
         self._over = Event()
@@ -126,24 +126,11 @@ class Watch:
             self._thread.join()
 
     def _work(self) -> None:
-        if self.mode == "auto" and sys.stderr.isatty():
-            self._live()
-            return
         for n, runs in enumerate(self._ended()):
             for run in runs:
                 print(job_line(run), file=sys.stderr, flush=True)
             if runs or not n:
                 print(sweep_line(self.start), file=sys.stderr, flush=True)
-
-    def _live(self) -> None:
-        from rich.console import Console
-        from rich.live import Live
-
-        with Live(console=Console(stderr=True), auto_refresh=False) as live:
-            for runs in self._ended():
-                for run in runs:
-                    live.console.print(job_line(run), highlight=False)
-                live.update(sweep_line(self.start), refresh=True)
 
     def _ended(self) -> Iterator[list[RunFolder]]:
         """At each update, the jobs that have ended since the last one."""

@@ -225,7 +225,8 @@ def _report_unfinished(entries: Entries) -> int:
     print(f"\n{len(bad)} of {len(jobs)} jobs not finished:", file=sys.stderr)
     for run, job in bad:
         busy = run.status() is Status.RUNNING
-        reason = "another process is at work on it" if busy else run.reason() or "its process died"
+        ended = run.reason() or ("its process died" if run.begun() else "not started")
+        reason = "another process is at work on it" if busy else ended
         print(f"\n  {job.folder}: {reason}", file=sys.stderr)
         if run.error():
             print(f"    error:  {run.path / 'error.txt'}", file=sys.stderr)

@@ -72,7 +72,8 @@ def send_sweep(sweep: SweepFolder, store: Store, status: Status) -> str | None:
             child = None if about is None else store.find(run_key(about))
             if child is not None:
                 client.set_tag(child.info.run_id, "mlflow.parentRunId", run)
-                client.set_tag(child.info.run_id, ARM, file.arm(job))
+                for name, value in {ARM: file.arm(job), **file.tags(job)}.items():
+                    client.set_tag(child.info.run_id, name, value)
         client.set_tag(run, SENT, done)
         return run
 

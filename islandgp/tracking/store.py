@@ -233,6 +233,13 @@ class Store:
                 self.client.delete_run(other.info.run_id)
         return run
 
+    def delete_children(self, parent: str, name: str, *, without: str) -> None:
+        """Deletes other children of that name: of a job whose folder was deleted since."""
+        tag = f"tags.`mlflow.parentRunId` = '{parent}'"
+        for run in self.client.search_runs([self.experiment], tag):
+            if run.info.run_name == name and run.info.run_id != without:
+                self.client.delete_run(run.info.run_id)
+
     def last_step(self, run: str, metric: str) -> int:
         """The last step logged of a metric; -1 when there is none."""
         return max((m.step for m in self.client.get_metric_history(run, metric)), default=-1)

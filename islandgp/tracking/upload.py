@@ -100,6 +100,8 @@ class RunUploader:
         self.store.client.set_tag(self._run, ARM, arm)
         if parent := parent_run(self.folder.path, self.store):
             self.store.client.set_tag(self._run, "mlflow.parentRunId", parent)
+            if run is None:
+                self.store.delete_children(parent, self.about.title, without=self._run)
         if status is Status.RUNNING:
             self.store.client.update_run(self._run, status=status)
         self._progress()

@@ -99,7 +99,7 @@ ONE_LINE = [
     (["name='a b'"],
      "name='a b': string should match pattern '^[A-Za-z0-9][A-Za-z0-9._-]*$'"),
     (["resume=perhaps"], "resume='perhaps': input should be 'auto', 'never' or 'force'"),
-    (["gp.tournament_size=50"],
+    (["search=paper", "gp.tournament_size=50"],
      "gp.tournament_size: expected at most gp.population = 30, found 50"),
     (["supervisor.lag=41"], "supervisor.lag: expected at most gp.generations - 1 = 40, found 41"),
     (["world.start=[500,400]"],
@@ -545,7 +545,8 @@ def test_settings_that_exclude_others_are_reported_at_once(
     capsys: pytest.CaptureFixture[str],
 ) -> None:
     """A line for each."""
-    lines = errors(capsys, "gp.tournament_size=50", "supervisor.lag=41", "+tags.seed=1")
+    words = ("search=paper", "gp.tournament_size=50", "supervisor.lag=41", "+tags.seed=1")
+    lines = errors(capsys, *words)
     assert [line.partition(":")[0] for line in lines] == [
         "gp.tournament_size", "supervisor.lag", "tags.seed",
     ]  # fmt: skip

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from islandgp.running.app import shortage
+from islandgp.running.shortage import shortage
 from islandgp.running.stopping import as_ctrl_c
 from tests.torture import __main__ as torture
 from tests.torture import page
