@@ -7,6 +7,7 @@ checks conflicts between groups. No other module uses Hydra's configuration obje
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import replace
 from typing import Annotated, Any, Final, Literal
 
 from pydantic import (
@@ -195,7 +196,8 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
             perturbed = self.perturb is not None and self.perturb.training
         perturbation = self.perturb if perturbed else None
         with plugin_errors(path_of(factory)):
-            return Problem.of(factory, self.world, self.rewards, self.curriculum, perturbation)
+            problem = Problem.of(factory, self.world, self.rewards, self.curriculum, perturbation)
+        return replace(problem, observed=getattr(self.search.factory, "observes", False))
 
     def plan(self, domain: Domain) -> Plan:
         """The plan of the run, for the evolution loop."""

@@ -25,6 +25,7 @@ from islandgp.bt.core.vocabulary import (
 )
 from islandgp.domain.contract import (
     MAX_DELAY,
+    ActionSample,
     Counter,
     Domain,
     Event,
@@ -51,6 +52,7 @@ __all__ = [
     "RUNNING",
     "SUCCESS",
     "Action",
+    "ActionSample",
     "Condition",
     "Counter",
     "Domain",

@@ -130,6 +130,17 @@ def total(values: Iterable[float]) -> float:
     return reduce(add, values, 0)
 
 
+class ActionSample(NamedTuple):
+    """Some executions of an action in an episode that started and ended alike."""
+
+    action: str  # text of the leaf, with its arguments
+    succeeded: bool
+    start: tuple[float, ...]  # the blackboard at the start of the first of them
+    end: tuple[float, ...]  # after its end; () if another action may have changed it
+    points: float  # that the action earned, mean
+    times: int  # executions, >= 1
+
+
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """The result of one tree in one episode, or the mean of several."""
@@ -138,6 +149,7 @@ class Outcome:
     counters: Mapping[str, float]  # by counter of the schema
     seconds: float  # simulated s
     endings: tuple[str, ...]  # why each episode ended
+    samples: tuple[ActionSample, ...] = ()  # if the run's search `observes` actions; else ()
 
     @property
     def fitness(self) -> float:

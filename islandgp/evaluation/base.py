@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import islice
-from typing import Any, Final, Protocol, Self, runtime_checkable
+from typing import TYPE_CHECKING, Any, Final, Protocol, Self, runtime_checkable
 
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node
@@ -20,6 +20,9 @@ from islandgp.plain import DECODE_ERRORS
 from islandgp.plugin import imported, raised_in
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.time_limit import TimeLimit
+
+if TYPE_CHECKING:
+    from islandgp.evaluation.action_observer import ActionObserver
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,6 +43,7 @@ class Problem:
     curriculum: Curriculum
     stages: tuple[Domain, ...] = ()  # by stage, if stages change the world; () otherwise
     perturbed: PerturbedWorlds | None = None  # perturbed worlds to run in; None: as configured
+    observed: bool = False  # outcomes have samples of the actions
 
     @classmethod
     def of(
@@ -212,7 +216,8 @@ def simulate(problem: Problem, job: Job, limit: float = 0) -> Outcome:
         prepare(problem.domain)
         with TimeLimit(limit):
             domain = problem.in_world(job.stage, job.seed)
-            outcome = domain.run_episode(tree, job.seed, weights)
+            observer = _observer(tree, domain) if problem.observed else None
+            outcome = domain.run_episode(tree, job.seed, weights, observer)
     except TimeLimitError as late:
         raise EvaluationError(blame(job, f"{late.running}; {RAISE_LIMIT}")) from None
     except (Exception, SystemExit) as error:  # a simulator may call sys.exit
@@ -228,7 +233,13 @@ def simulate(problem: Problem, job: Job, limit: float = 0) -> Outcome:
     if not abs(outcome.fitness) < MAX_POINTS:
         fault = f"{outcome.fitness} points; lower the rewards, or correct the amounts in the domain"
         raise EvaluationError(blame(job, fault))
-    return outcome
+    return outcome if observer is None else replace(outcome, samples=observer.samples())
+
+
+def _observer(tree: Node, domain: Domain) -> ActionObserver:
+    from islandgp.evaluation.action_observer import ActionObserver  # only for a search that asks
+
+    return ActionObserver(tree, domain.schema.vocabulary)
 
 
 def in_floats(outcome: Outcome) -> Outcome:

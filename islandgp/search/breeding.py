@@ -150,11 +150,22 @@ def new_child(
     return tree, origin, tuple(parents), "+".join(change for change in changes if change)
 
 
+Proposal = tuple[Node, Origin, tuple[str, ...], str]
+"""A new tree with its origin, the ids of its parents, and its mutations, as of `new_child`."""
+
+
+def nothing_proposed(_rng: np.random.Generator) -> Proposal | None:
+    """None, for searches whose new trees are all children or random trees."""
+    return None
+
+
 @dataclass(frozen=True, slots=True)
 class GenerationPlan:
     """The trees of a generation, except for a supervisor's."""
 
     pick: Pick | None = None  # draws the parents of children; None: random trees, no children
+    propose: Callable[[np.random.Generator], Proposal | None] = nothing_proposed
+    """Makes a new tree in another way; None: it is a child or a random tree."""
     reevaluated: Sequence[Parent] = ()  # evaluated again, the most important first
     initial_trees: Sequence[Node] = ()  # evaluated unchanged, such as the founders of generation 0
     known_digests: Iterable[str] = ()  # of evaluated trees, which new trees should not repeat
@@ -196,31 +207,31 @@ def new_generation(
     known_digests = {*contents.known_digests, *(digest(i.tree) for i in individuals)}
     for slot in range(len(individuals), n):
         rng = streams(Stream.SEARCH, generation=g, slot=slot)
-        yield _new_individual(
-            rng, f"{g}.{slot}", contents.pick, plan.space, settings, known_digests
-        )
+        yield _new_individual(rng, f"{g}.{slot}", contents, plan.space, settings, known_digests)
 
 
 def _new_individual(
     rng: np.random.Generator,
     name: str,
-    pick: Pick | None,
+    contents: GenerationPlan,
     space: TreeSpace,
     settings: RandomTrees,
     known_digests: set[str],
 ) -> Individual:
-    """A child of the parents that `pick` draws, or a random tree.
+    """A proposed tree, a child of the parents that `contents.pick` draws, or a random tree.
 
     The digest of the tree is added to `known_digests`.
 
     After TRIES attempts, a tree that was evaluated before is accepted.
     """
     for _ in range(TRIES):
-        if pick is None:
+        if (proposal := contents.propose(rng)) is not None:
+            i = Individual(name, *proposal)
+        elif contents.pick is None:
             i = Individual(name, new_tree(rng, space, settings), Origin.RANDOM)
         else:
             assert isinstance(settings, Breeding)
-            i = Individual(name, *new_child(rng, *pick(rng), space, settings))
+            i = Individual(name, *new_child(rng, *contents.pick(rng), space, settings))
         key = digest(i.tree)
         if key not in known_digests:
             break

@@ -387,6 +387,7 @@ def test_points_must_be_finite_and_not_huge(points: float) -> None:
     setting: Any = SimpleNamespace(
         domain=None,
         curriculum=SimpleNamespace(multipliers=lambda _: {}),
+        observed=False,
         in_world=lambda *_: SimpleNamespace(
             run_episode=lambda *_: Outcome({"p": points}, {}, 1, ("",))
         ),
@@ -401,6 +402,7 @@ def test_an_error_names_the_line_of_the_user_s_code() -> None:
         domain=None,
         curriculum=SimpleNamespace(multipliers=lambda _: {}),
         in_world=lambda *_: Broken(),
+        observed=False,
     )
     line = Broken._worked_out.__code__.co_firstlineno + 1
     with pytest.raises(EvaluationError, match=f"found none, in {__file__}, line {line}. The run"):

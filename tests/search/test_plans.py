@@ -1,0 +1,178 @@
+"""`search=plans` learns what actions need and give, and chains them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from islandgp.bt.core.condition import combine
+from islandgp.bt.core.language import parse, parse_condition, to_text
+from islandgp.bt.core.node import selector
+from islandgp.bt.core.printer import condition_text, head
+from islandgp.evaluation.action_observer import ActionObserver
+from islandgp.evaluation.base import Evaluator, Problem
+from islandgp.evaluation.processes import Processes
+from islandgp.evaluation.serial import Serial
+from islandgp.evolution.loop import evolve
+from islandgp.gp.plan import Plan
+from islandgp.gp.record import RunState, Step
+from islandgp.records.checkpoint import read_checkpoint, save_state
+from islandgp.running.parts import make_search
+from islandgp.scoring.classes import Classes
+from islandgp.scoring.curriculum import Curriculum
+from islandgp.search.action_models import ActionModel, Learner, recorded
+from islandgp.search.planning import Planner, branches
+from islandgp.search.plans import Plans
+from tests.composed import composed
+from tests.evolution.runs import Constant, lines
+from tests.search.chain import SCHEMA, chain
+
+VOCABULARY = SCHEMA.vocabulary
+CLASSES = {
+    "behaviours": {"opening": "opened"},
+    "specialists": {"of": ["opening"], "dominance_ratio": 2.0, "idle": "idle", "mixed": "mixed"},
+    "tiers": {"opener": {"at_least": {"opened": 1}}},
+    "milestones": ["opener"],
+}
+CURRICULUM = {"generations_per_epoch": 5, "stages": [{"epochs": (1, 1), "multipliers": {}}]}
+PROBLEM = Problem(chain(), Curriculum.model_validate(CURRICULUM), observed=True)
+
+
+@cache
+def parts() -> tuple[Plans, Plan]:
+    """The search and the plan of a run with 25 generations of 12 individuals."""
+    settings = composed(
+        *("search=plans", "supervisor=baseline", "gp.population=12", "gp.generations=25"),
+        *("search.policy.random_generations=1", "search.policy.library=0"),
+    )
+    plan = replace(
+        settings.plan(settings.make_domain()),
+        vocabulary=VOCABULARY,
+        curriculum=PROBLEM.curriculum,
+        classes=Classes.model_validate(CLASSES),
+    )
+    search = make_search(settings, plan)
+    assert isinstance(search, Plans)
+    return search, plan
+
+
+def run(evaluator: Evaluator | None = None, start: RunState | None = None) -> list[Step]:
+    """The steps of the run."""
+    search, plan = parts()
+    evaluator = evaluator or Serial(PROBLEM)
+    return list(evolve(plan, 1, Constant(0), evaluator, search=search, start=start))
+
+
+@cache
+def straight() -> list[Step]:
+    """The steps of an uninterrupted run in this process."""
+    return run()
+
+
+def models() -> dict[str, ActionModel]:
+    """What the run learned."""
+    state = straight()[-2].state
+    assert state is not None
+    search, _ = parts()
+    return search.models(state.memory)
+
+
+def words(terms: object) -> set[str]:
+    """Conditions as texts."""
+    return {condition_text(term) for term in terms}  # type: ignore[attr-defined]
+
+
+@pytest.mark.parametrize(
+    ("action", "needs", "gives"),
+    [
+        ("Drive", set(), {"place == shelf"}),
+        ("Drive(to: door)", set(), {"place == door"}),
+        ("Fetch(key: blue)", {"place == shelf"}, {"held == blue"}),
+        ("Open", {"place == door", "held == lock", "holding"}, {"not holding"}),
+    ],
+)
+def test_the_learned_models_are_right(action: str, needs: set[str], gives: set[str]) -> None:
+    """The keys that a success needs, alone or equal to another key, and those that it changes."""
+    model = models()[action]
+    assert words(model.needs) == needs
+    assert gives <= words(model.gives)
+    assert model.sentence.startswith(f"{action} needs ")
+
+
+def test_a_run_finds_the_chain() -> None:
+    """Racing with as many episodes earns a fraction of it."""
+    best = max(i.fitness for step in straight()[-5:] for i in step.record.individuals)
+    assert best >= 40  # the tree by hand earns 50 to 60
+
+
+def test_workers_and_resumed_runs_have_the_same_records(tmp_path: Path) -> None:
+    """The samples of actions travel with the outcomes, and the records of actions are kept."""
+    processes = Processes(PROBLEM, 2)
+    try:
+        assert list(lines(run(processes))) == list(lines(straight()))
+    finally:
+        processes.close()
+    state = straight()[15].state
+    assert state is not None
+    save_state(tmp_path / "checkpoint.json", state)
+    checkpoint, _ = read_checkpoint(tmp_path / "checkpoint.json")
+    rest = run(start=replace(checkpoint, history=state.history))
+    assert list(lines(rest)) == list(lines(straight()))[16:]
+    assert (tmp_path / "checkpoint.json").stat().st_size < 200_000
+
+
+def test_a_plan_achieves_what_an_action_needs_in_order() -> None:
+    """The key of the lock first, as fetching it needs another place than the door."""
+    learned = {text: m for text, m in models().items() if m.succeeded}
+    planner = Planner(VOCABULARY, learned)
+    tree = selector(*branches(planner.plan(np.random.default_rng(0), learned["Open"]), "none"))
+    outcomes = [chain().run_episode(tree, seed, {}) for seed in range(5)]
+    assert min(o.fitness for o in outcomes) >= 40
+    assert to_text(tree).count("Open") == 1
+
+
+@pytest.mark.parametrize(
+    ("tree", "action", "expected"),
+    [
+        ("Fetch", "Fetch", [(False, ())]),
+        ("sequence { Drive Fetch }", "Drive", [(True, ())]),
+        ("sequence { Drive Fetch }", "Fetch", []),
+        ("selector { Open Fetch }", "Fetch", [(False, ("place == yard",))]),
+    ],
+)
+def test_samples_of_an_episode(
+    tree: str, action: str, expected: list[tuple[bool, tuple[str, ...]]]
+) -> None:
+    """The start is unknown after a success in the same tick, the end before one."""
+    node = parse(tree, VOCABULARY)
+    observer = ActionObserver(node, VOCABULARY)
+    chain().run_episode(node, 0, {}, observer)
+    found = [s for s in observer.samples() if s.action == action]
+    assert {s.succeeded for s in found} == {succeeded for succeeded, _ in expected}
+    starts = np.array([s.start for s in found])
+    for _, terms in expected:
+        for term in terms:
+            condition = parse_condition(term, VOCABULARY)
+            assert Learner(VOCABULARY).holds(condition, starts).all()  # type: ignore[arg-type]
+
+
+def test_declared_conditions_are_needs_until_there_is_evidence() -> None:
+    """An action that never succeeded needs what its author declares."""
+    at_door = parse_condition("place == door", VOCABULARY)
+    actions = {
+        **VOCABULARY.actions,
+        "Open": replace(VOCABULARY.actions["Open"], to_start=(at_door,)),  # type: ignore[arg-type]
+    }
+    learner = Learner(replace(VOCABULARY, actions=actions))
+    record = recorded({}, [], VOCABULARY).get("Open")
+    assert record is None
+    from islandgp.search.action_models import ActionRecord
+
+    model = learner.learn("Open", parse("Open", VOCABULARY), ActionRecord())
+    assert model.needs == (at_door,)
+    assert head(model.leaf) == "Open"
+    assert condition_text(combine("and", model.needs)) == "place == door"
