@@ -19,7 +19,7 @@ from typing import Final, TypeAlias
 
 from pydantic import BaseModel, Field
 
-from islandgp.bt.analysis.shorter import ShorterForm, rounded_forms, shorter_forms
+from islandgp.bt.analysis.shorter import ShorterForm, freed_forms, rounded_forms, shorter_forms
 from islandgp.bt.analysis.simplify import simplify
 from islandgp.bt.core.node import Node, size
 from islandgp.bt.core.vocabulary import Vocabulary
@@ -182,6 +182,8 @@ def shorten(tree: Node, bench: Bench, vocabulary: Vocabulary) -> list[Shortened]
     bench.last = bench.outcomes([tree], len(bench.worlds))[0]
     while _pass(front, shorter_forms, bench, vocabulary):
         pass  # a change may allow others that were rejected before
+    while _pass(front, partial(freed_forms, vocabulary=vocabulary), bench, vocabulary):
+        pass
     for digits in DIGITS:
         while _pass(front, partial(rounded_forms, digits=digits), bench, vocabulary):
             pass

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
+from islandgp.bt.analysis.conflicts import conflict_in_words
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Limits, Node, depth, size, within
 from islandgp.bt.core.vocabulary import Vocabulary
@@ -63,10 +64,12 @@ def start_trees(
         except TreeError as error:
             reasons.append(brief(error))
             continue
-        if within(tree, limits):
-            trees.append(tree)
-        else:
+        if not within(tree, limits):
             reasons.append("it exceeds gp.max_depth or gp.max_nodes")
+        elif shared := conflict_in_words(tree, vocabulary):
+            reasons.append(shared)
+        else:
+            trees.append(tree)
     if not trees:
         reason = f" ({reasons[0]})" if reasons else ""
         raise ConfigError(
@@ -98,5 +101,10 @@ def _tree_of(
             f"start={start}: expected at most {limits.max_nodes} nodes and depth"
             f" {limits.max_depth}, found {size(tree)} and {depth(tree)}; raise gp.max_nodes or"
             " gp.max_depth."
+        )
+    if vocabulary is not None and (shared := conflict_in_words(tree, vocabulary)):
+        raise ConfigError(
+            f"start={start}: expected actions that never share a resource, found that {shared};"
+            f" `islandgp check {start}` shows where."
         )
     return tree

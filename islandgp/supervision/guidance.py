@@ -19,6 +19,7 @@ from typing import Annotated, Final
 import numpy as np
 from pydantic import FiniteFloat, Strict, TypeAdapter, ValidationError
 
+from islandgp.bt.analysis.conflicts import conflict_in_words
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node, within
 from islandgp.bt.core.vocabulary import Vocabulary
@@ -279,7 +280,9 @@ def _why_refused(tree: Node, plan: Plan, search: Search) -> str:
         return "injection is switched off"
     if "tree" not in search.uses:
         return "the search takes no trees"
-    return "" if within(tree, plan.gp.limits) else "the tree breaks the limits"
+    if not within(tree, plan.gp.limits):
+        return "the tree breaks the limits"
+    return conflict_in_words(tree, plan.vocabulary)
 
 
 def decide_edits(

@@ -10,6 +10,7 @@ from pathlib import Path
 
 from pydantic import BaseModel, Field
 
+from islandgp.bt.analysis.conflicts import conflict_in_words
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.vocabulary import Vocabulary
@@ -86,8 +87,14 @@ def read_library(
 
 @lru_cache(maxsize=64)  # a run reads its library several times
 def _parsed(text: str, vocabulary: Vocabulary, name: str) -> Node:
-    """The tree of a file's text. Raises as `parse`."""
-    return parse(text, vocabulary, name=name)
+    """The tree of a file's text. Raises as `parse`, and ConfigError if actions share a resource."""
+    tree = parse(text, vocabulary, name=name)
+    if shared := conflict_in_words(tree, vocabulary):
+        raise ConfigError(
+            f"{name}: expected actions that never share a resource, found that {shared};"
+            f" `islandgp check {name}` shows where."
+        )
+    return tree
 
 
 def read_tree(folder: Path, name: str) -> str:

@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from islandgp.bt.analysis.shorter import rounded, rounded_forms, shorter_forms, without
+from islandgp.bt.analysis.shorter import freed_forms, rounded, rounded_forms, shorter_forms, without
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node, size, walk
 from islandgp.domain import Outcome
@@ -102,6 +102,23 @@ def test_equal_branches_are_joined() -> None:
     tree = tree_of("selector { when lap > 2 { SeekCharger } when foundGarbage { SeekCharger } }")
     joined = tree_of("when lap > 2 or foundGarbage { SeekCharger }")
     assert joined in [form.tree for form in shorter_forms(tree)]
+
+
+def test_a_repetition_goes_at_once() -> None:
+    """Children that follow each other twice are kept once."""
+    twice = tree_of("sequence { SeekCharger ExecuteCharge SeekCharger ExecuteCharge }")
+    forms = [form.tree for form in shorter_forms(twice)]
+    assert tree_of("sequence { SeekCharger ExecuteCharge }") in forms
+
+
+def test_a_guard_lets_its_action_end() -> None:
+    """Charging succeeds at 100 %, so a guard below that stops it; it can be told not to."""
+    tree = tree_of("selector { when batteryLevel < 15 { ExecuteCharge } PatrolWaypoint }")
+    (form,) = freed_forms(tree, VOCABULARY)
+    assert form.tree == tree_of(
+        "selector { when batteryLevel < 15 abort lower { ExecuteCharge } PatrolWaypoint }"
+    )
+    assert freed_forms(form.tree, VOCABULARY) == []
 
 
 def test_a_node_can_be_removed_if_its_parent_can_do_without() -> None:

@@ -23,6 +23,12 @@ from islandgp.running.start import start_digest, start_trees
         ("PatrolWaypoint", 1, None, ""),
         ("selector { PatrolWaypoint ExecuteCharge }", 2, ConfigError, "at most 2 nodes"),
         ("Fly", 9, TreeError, "Fly"),
+        (
+            "parallel { PatrolWaypoint SeekCharger }",
+            9,
+            ConfigError,
+            "both use base; .* shows where",
+        ),
         (None, 9, IslandError, "Expected to read"),
     ],
 )

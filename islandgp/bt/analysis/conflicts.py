@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.node import FAILURE, SUCCESS, Node, replace_at, size, walk
+from islandgp.bt.core.printer import head
 from islandgp.bt.core.vocabulary import Vocabulary
 
 
@@ -40,6 +41,15 @@ def conflicts(tree: Node, vocabulary: Vocabulary) -> list[Conflict]:
     found: list[Conflict] = []
     _users(tree, 0, vocabulary, found)
     return sorted(found)
+
+
+def conflict_in_words(tree: Node, vocabulary: Vocabulary) -> str:
+    """A clause on the first conflict of a tree; "" if there is none."""
+    for first, second, resource, *_ in conflicts(tree, vocabulary)[:1]:
+        nodes = list(walk(tree))
+        names = f"{head(nodes[first])} and {head(nodes[second])}"
+        return f"{names} can run in the same tick, but both use {resource}"
+    return ""
 
 
 def _users(node: Node, place: int, vocabulary: Vocabulary, found: list[Conflict]) -> list[_User]:

@@ -24,7 +24,7 @@ from islandgp.bt.analysis.context import (
     never,
     root_context,
 )
-from islandgp.bt.analysis.outcomes import dead_end
+from islandgp.bt.analysis.outcomes import contradictions, dead_end
 from islandgp.bt.analysis.satisfiability import (
     Conditions,
     excludes,
@@ -255,12 +255,9 @@ def _guard(guard: GuardArgs, place: _Place, at: int) -> Iterator[tuple[int, str,
 
 def _action(place: _Place, at: int, undone: Undone) -> Iterator[tuple[int, str, str]]:
     context, name = place.context, place.node.action
-    action = context.vocabulary.action(name)
-    needs = [(needed, context.at_start) for needed in action.to_start]
-    needs += [(needed, context.always) for needed in action.to_succeed]
-    for needed, holding in needs:
-        sign = action.changes.get(needed.key, 0)
-        if not excludes(holding, needed) or (sign and undone(needed.key, sign)[at]):
+    for needed, holding in contradictions(place.node, context):
+        sign = context.vocabulary.action(name).changes.get(needed.key, 0)
+        if sign and undone(needed.key, sign)[at]:
             continue
         reason = _why_not(needed, holding, place)
         yield at, "never-succeeds", f"{name} can never succeed here: {reason}"

@@ -1,6 +1,8 @@
-"""Nodes after which a composite never goes on, and nodes that never do anything."""
+"""Nodes after which a composite never goes on, that never do anything, or never succeed."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 from islandgp.bt.analysis.context import (
     NodeContext,
@@ -10,6 +12,8 @@ from islandgp.bt.analysis.context import (
     may_interrupt,
     never,
 )
+from islandgp.bt.analysis.satisfiability import Conditions, excludes
+from islandgp.bt.core.condition import Condition
 from islandgp.bt.core.kinds import advance_status, kind_of
 from islandgp.bt.core.node import FAILURE, Node
 
@@ -59,3 +63,14 @@ def child_idle(node: Node, context: NodeContext, index: int) -> int | None:
     """`idle` of a child; `context` is the parent's."""
     child = node.children[index]
     return idle(child, child_context(node, context, index)) if kind_of(child).decorates else None
+
+
+def contradictions(node: Node, context: NodeContext) -> Iterator[tuple[Condition, Conditions]]:
+    """What an action needs to succeed but cannot have in its place, with what holds there."""
+    action = context.vocabulary.action(node.action)
+    for needed, holding in (
+        *((needed, context.at_start) for needed in action.to_start),
+        *((needed, context.always) for needed in action.to_succeed),
+    ):
+        if excludes(holding, needed):
+            yield needed, holding

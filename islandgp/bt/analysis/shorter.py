@@ -7,13 +7,17 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from itertools import count
 from math import floor, log10
 from typing import Final, NamedTuple
 
+from islandgp.bt.analysis.context import NodeContext, child_contexts, root_context
+from islandgp.bt.analysis.outcomes import contradictions
 from islandgp.bt.core.condition import Condition, ConditionExpr, combine, terms, with_term
 from islandgp.bt.core.kinds import kind_of
-from islandgp.bt.core.node import GuardArgs, Node, replace_at, size, walk
+from islandgp.bt.core.node import GuardArgs, Node, guard_of, replace_at, size, walk
 from islandgp.bt.core.printer import condition_text, head
+from islandgp.bt.core.vocabulary import Vocabulary
 
 MAX_WORDS: Final = 60  # characters of a node in a description
 
@@ -31,9 +35,9 @@ class ShorterForm(NamedTuple):
 def shorter_forms(tree: Node) -> list[ShorterForm]:
     """All trees that are one change shorter, those that save most nodes first.
 
-    A change removes a child of a composite, replaces a node by one of its children, joins two
-    neighbouring guards above equal children, or removes a term or the abort rule of a guard. A
-    composite that is left with one child is replaced by it.
+    A change removes a child of a composite or a repetition of several, replaces a node by one of
+    its children, joins two neighbouring guards above equal children, or removes a term or the abort
+    rule of a guard. A composite that is left with one child is replaced by it.
 
     Args:
         tree: any tree.
@@ -96,6 +100,7 @@ def _changes(node: Node) -> Iterator[tuple[Node, str, int]]:
             rest = (*node.children[:index], *node.children[index + 1 :])
             yield _unwrapped(node, rest), f"without {_named(child)}", 0
         yield from _joined(node)
+        yield from _once(node)
     for child in node.children:
         dropped = size(node) - size(child)
         rest_words = "" if dropped == 1 else f" and {dropped - 1} more node{'s' * (dropped > 2)}"
@@ -121,6 +126,17 @@ def _joined(node: Node) -> Iterator[tuple[Node, str, int]]:
         yield _unwrapped(node, children), f"with {_quoted(left)} and {_quoted(right)} joined", 0
 
 
+def _once(node: Node) -> Iterator[tuple[Node, str, int]]:
+    """The composite without a repetition of several children, as `A B` for `A B A B`."""
+    children = node.children
+    for length in range(2, len(children) // 2 + 1):
+        for start in range(len(children) - 2 * length + 1):
+            middle, end = start + length, start + 2 * length
+            if children[start:middle] == children[middle:end]:
+                rest = (*children[:middle], *children[end:])
+                yield node._replace(children=rest), f"without a repetition in {_quoted(node)}", 0
+
+
 def _plainer_guards(node: Node, guard: GuardArgs) -> Iterator[tuple[Node, str, int]]:
     """A guard without one of its terms, or without its abort rule."""
     parts = list(terms(guard.condition))
@@ -132,6 +148,38 @@ def _plainer_guards(node: Node, guard: GuardArgs) -> Iterator[tuple[Node, str, i
     if guard.abort != GuardArgs(guard.condition).abort:
         change = f"without `abort {guard.abort}` of `when {condition_text(guard.condition)}`"
         yield node._replace(args=GuardArgs(guard.condition)), change, 1
+
+
+def freed_forms(tree: Node, vocabulary: Vocabulary) -> list[ShorterForm]:
+    """The tree with a guard that no longer stops an action before it can succeed.
+
+    Args:
+        tree: any tree.
+        vocabulary: declares what actions need to succeed.
+
+    Returns:
+        A tree for each guard with such an action below it; the innermost guards come first.
+    """
+    stopping: list[int] = []  # places of guards
+    place = count()
+
+    def visit(node: Node, context: NodeContext, guards: tuple[int, ...]) -> None:
+        here = next(place)
+        if node.guard is not None and node.guard.checks_itself:
+            guards = (here, *guards)
+        if node.action and any(contradictions(node, context)):
+            stopping.extend(guards)
+        for child, below in zip(node.children, child_contexts(node, context), strict=True):
+            visit(child, below, guards)
+
+    visit(tree, root_context(vocabulary), ())
+    nodes, forms = list(walk(tree)), []
+    for at in dict.fromkeys(stopping):
+        guard = guard_of(nodes[at])
+        freed = guard._replace(abort="lower" if guard.interrupts else "none")
+        new = replace_at(tree, at, nodes[at]._replace(args=freed))
+        forms.append(ShorterForm(new, f"with `abort {freed.abort}` of {_quoted(nodes[at])}", 0))
+    return forms
 
 
 def rounded_forms(tree: Node, digits: int) -> list[ShorterForm]:
