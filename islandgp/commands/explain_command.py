@@ -16,8 +16,8 @@ from islandgp.commands.options import DomainOptions, with_domain_options, with_s
 from islandgp.commands.setting import stage_index, tree_in_domain
 from islandgp.commands.tables import standard_output
 from islandgp.domain import Outcome
-from islandgp.evolution.explain import Usage, explained, in_words, usage, with_losses
 from islandgp.plain import nan_to_none
+from islandgp.scoring.explain import Usage, explained, usage, with_counts, with_losses
 
 
 @click.command()
@@ -54,7 +54,7 @@ def command(
         def outcomes(trees: Sequence[Node], places: Sequence[int]) -> list[list[Outcome]]:
             return evaluated(evaluator, trees, index, places)
 
-        usages = with_losses(usage(problem, tree, seeds, index), tree, outcomes, seeds)
+        usages = with_losses(usage(problem.run(index), tree, seeds), tree, outcomes, seeds)
     if as_json:
         click.echo(json.dumps(nan_to_none([asdict(u) for u in usages]), indent=2))
     elif as_text:
@@ -69,9 +69,5 @@ def _draw(tree: Node, usages: Sequence[Usage]) -> None:
 
     from islandgp.bt.export.render import to_rich
 
-    notes = []
-    for u in usages:
-        ran = bool(u.worlds)
-        counts = f"{u.ticks:,.0f} ticks, {u.successes:,.0f} succeeded, {u.failures:,.0f} failed; "
-        notes.append(Text((counts if ran else "") + in_words(u), "dim" if ran else "bold red"))
+    notes = [Text(with_counts(u), "dim" if u.worlds else "bold red") for u in usages]
     standard_output().print(to_rich(tree, notes))

@@ -7,8 +7,10 @@ from contextlib import closing
 
 import click
 
-from islandgp.bt.core.language import domain_of, to_text
+from islandgp.bt.analysis.names import with_names
+from islandgp.bt.core.language import domain_of
 from islandgp.bt.core.node import Node, size
+from islandgp.bt.core.printer import with_subtrees
 from islandgp.commands.files import FILE, check_other_file, read_tree_text, write_text
 from islandgp.commands.options import (
     DomainOptions,
@@ -84,7 +86,8 @@ def command(
             most_worlds=pruning.worlds,
         )
     domain = domain_of(read_tree_text(file).text)
-    write_text(output, (f"domain {domain}\n\n" if domain else "") + to_text(result.best))
+    best = with_names(result.best, problem.domain.schema.vocabulary, [tree])
+    write_text(output, (f"domain {domain}\n\n" if domain else "") + with_subtrees(best))
     _report(result)
 
 

@@ -48,7 +48,7 @@ def stage_index(settings: Settings, stage: int | None) -> int:
 
 
 def tree_in_domain(file: str, options: DomainOptions) -> tuple[Node, Settings, Problem]:
-    """The tree in a file, the settings of its domain, and the problem for its episodes.
+    """The marked tree in a file, the settings of its domain, and the problem for its episodes.
 
     Raises:
         ConfigError, DomainError: the configuration is invalid, or the tree is for another domain.
@@ -57,7 +57,7 @@ def tree_in_domain(file: str, options: DomainOptions) -> tuple[Node, Settings, P
     source = read_tree_text(file)
     settings = settings_of(source, options)
     problem = settings.problem()
-    return source.tree(problem.domain.schema.vocabulary), settings, problem
+    return source.tree(problem.domain.schema.vocabulary, marked=True), settings, problem
 
 
 def recorded(file: str, seed: int, episode: EpisodeOptions) -> Recording:

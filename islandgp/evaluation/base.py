@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Final, Protocol, Self, runtime_checkable
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.vocabulary import Vocabulary
-from islandgp.domain import Domain, Outcome, prepare
+from islandgp.domain import Domain, Observer, Outcome, prepare
 from islandgp.errors import RAISE_LIMIT, EvaluationError, RunError, TimeLimitError, brief
 from islandgp.evaluation.perturbation import Perturbation, PerturbedWorlds, recorded_perturbation
 from islandgp.evaluation.worlds import staged
@@ -123,6 +123,13 @@ class Problem:
             ConfigError, pydantic.ValidationError: the domain does not accept a perturbed world.
         """
         return self.at(stage) if self.perturbed is None else self.perturbed.domain(stage, seed)
+
+    def run(self, stage: int) -> Callable[[Node, int, Observer | None], Outcome]:
+        """A function that runs the episode of a tree in the world of a seed, in this process."""
+        weights = self.curriculum.multipliers(stage)
+        return lambda tree, seed, observer: self.in_world(stage, seed).run_episode(
+            tree, seed, weights, observer
+        )
 
 
 class Evaluator(Protocol):

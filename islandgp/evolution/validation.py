@@ -18,7 +18,6 @@ from typing import Any, Final
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Evaluator, Job
 from islandgp.evolution.candidates import Candidate
-from islandgp.evolution.explain import Usage
 from islandgp.intervals import interval
 from islandgp.scoring.classes import Classes, tiers
 from islandgp.scoring.constraints import (
@@ -29,6 +28,7 @@ from islandgp.scoring.constraints import (
     mean_violation,
     merit,
 )
+from islandgp.scoring.explain import Usage
 from islandgp.seeding import Stream, seed_of, stream
 
 FINALISTS: Final = 3  # candidates of the last round

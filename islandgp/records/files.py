@@ -69,7 +69,7 @@ class _Estimate:
 
 @dataclass(frozen=True, slots=True)
 class _Usage:
-    """Fields of `evolution.explain.Usage` that are read."""
+    """Fields of `scoring.explain.Usage` that are read."""
 
     worlds: float
     points: float

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from islandgp.bt.analysis.names import with_names
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node, size
 from islandgp.bt.core.printer import with_subtrees
@@ -18,7 +19,6 @@ from islandgp.evolution.candidates import (
     CandidatesByEvidence,
     CandidatesByFitness,
 )
-from islandgp.evolution.explain import Usage, explained, usage, with_losses
 from islandgp.evolution.prune import Keep, PruneResult, prune
 from islandgp.evolution.validation import (
     Best,
@@ -35,6 +35,7 @@ from islandgp.gp.evidence import SHRINKAGE
 from islandgp.intervals import interval
 from islandgp.records.folder import RunFolder
 from islandgp.running.totals import RunTotals
+from islandgp.scoring.explain import Usage, explained, usage, with_losses
 from islandgp.supervision.library import library_folder, read_tree
 
 TEST_WORLDS = 50  # in which the best robot is tested, at most
@@ -80,12 +81,17 @@ def final_episodes(settings: Settings, totals: RunTotals) -> FinalEpisodes:
 
 
 def best_robot(
-    settings: Settings, target: RunFolder, totals: RunTotals, evaluator: Evaluator
+    settings: Settings,
+    target: RunFolder,
+    totals: RunTotals,
+    evaluator: Evaluator,
+    founders: Sequence[Node] = (),
 ) -> Best:
     """The run's best robot.
 
     It is chosen by successive halving in validation worlds, or, with gp.validation=0, by its
-    fitness in training. Then it is shortened, tested in fresh worlds, and explained.
+    fitness in training. Then it is shortened, tested in fresh worlds, and explained. Its subtrees
+    get the names that they have in the founders.
     """
     episodes = final_episodes(settings, totals)
     winner, choice_worlds = _chosen(settings, totals, evaluator, episodes.choice)
@@ -116,12 +122,13 @@ def best_robot(
     chosen_in = tuple(used[len(totals.worlds) :])
     test_worlds = new_worlds(episodes.test // TESTED)
     usages = _usages(pruned.best, problem, outcomes, test_worlds, stage, explaining)
+    named = with_names(pruned.best, vocabulary, founders)
     record = next(target.records(winner.generation))
     return Best(
         winner.generation,
         next(i for i in record["individuals"] if i["id"] == winner.id),
         to_text(pruned.best),
-        with_subtrees(explained(pruned.best, usages)) if usages else to_text(pruned.best),
+        with_subtrees(explained(named, usages) if usages else named),
         _tested(settings, totals, pruned.best, vocabulary, outcomes, test_worlds),
         _front(pruned),
         tuple(step.change for step in pruned.steps[1:]),
@@ -184,7 +191,9 @@ def _usages(
     count = min(EXPLAIN_WORLDS, episodes // (size(tree) + 1), len(worlds))
     if count < 2:
         return []
-    return with_losses(usage(problem, tree, worlds[:count], stage), tree, evaluate, worlds[:count])
+    return with_losses(
+        usage(problem.run(stage), tree, worlds[:count]), tree, evaluate, worlds[:count]
+    )
 
 
 def _front(pruned: PruneResult) -> tuple[FrontTree, ...]:

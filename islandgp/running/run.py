@@ -238,7 +238,7 @@ def _evolve(run: _OpenRun) -> RunTotals:
     with ThreadPoolExecutor(1, "closing") as closing:
         try:
             last = _keep(steps, write, progress, run)
-            best = best_robot(settings, target, totals, evaluator)
+            best = best_robot(settings, target, totals, evaluator, plan.founders)
         except BaseException:
             steps.close()  # not only when the interpreter ends
             evaluator.close()

@@ -95,7 +95,7 @@ def _tree_of(
     start: str, vocabulary: Vocabulary | None = None, limits: Limits | None = None
 ) -> Node:
     path = Path(start)
-    tree = parse(read_text_file(path), vocabulary, name=start, folder=path.parent)
+    tree = parse(read_text_file(path), vocabulary, name=start, folder=path.parent, marked=True)
     if limits is not None and not within(tree, limits):
         raise ConfigError(
             f"start={start}: expected at most {limits.max_nodes} nodes and depth"

@@ -13,8 +13,9 @@ from typing import Final
 from islandgp.bt.core.engine import ABORTED
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import AGAIN, RUNNING, SUCCESS, Node, walk
-from islandgp.domain import Domain, Outcome, Scene
+from islandgp.domain import Domain, Observer, Outcome, Scene
 from islandgp.gp.record import IndividualRecord
+from islandgp.scoring.explain import explained_in_text
 from islandgp.supervision.base import GenerationView, RunContext
 from islandgp.supervision.llm.prompts import about
 from islandgp.text import in_points
@@ -176,9 +177,7 @@ def _number(value: float) -> str:
 
 def trace_of(name: str, i: IndividualRecord, context: RunContext, now: GenerationView) -> str:
     """A description of an individual's episode in the first world of its evaluation."""
-    n = context.gp.episodes
-    index = 0 if context.gp.shared_seed else now.individuals.index(i) * n
-    seed = now.worlds[index]
+    n, seed = context.gp.episodes, _first_world(i, context, now)
     tree = parse(i.tree, context.schema.vocabulary)
     domain = context.domain_in(now.snapshot.generation)
     outcome, lines = describe_episode(domain, tree, seed, now.multipliers)
@@ -190,6 +189,28 @@ def trace_of(name: str, i: IndividualRecord, context: RunContext, now: Generatio
         " (shares of time, several actions can be in one tick):"
     )
     return "\n".join(filter(None, (head, about(domain, seed), *lines)))
+
+
+def _first_world(i: IndividualRecord, context: RunContext, now: GenerationView) -> int:
+    """The world of an individual's first episode in the generation."""
+    n = context.gp.episodes
+    return now.worlds[0 if context.gp.shared_seed else now.individuals.index(i) * n]
+
+
+def explanation_of(
+    i: IndividualRecord, context: RunContext, now: GenerationView
+) -> tuple[str, int]:
+    """An individual's tree with what each branch did and is worth, and the episodes that were run.
+
+    They are in the first world of its evaluation.
+    """
+    domain = context.domain_in(now.snapshot.generation)
+
+    def run(tree: Node, seed: int, observer: Observer | None) -> Outcome:
+        return domain.run_episode(tree, seed, now.multipliers, observer)
+
+    tree = parse(i.tree, context.schema.vocabulary)
+    return explained_in_text(run, tree, [_first_world(i, context, now)])
 
 
 def components(members: Sequence[IndividualRecord]) -> str:

@@ -23,7 +23,7 @@ from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, RunContext
 from islandgp.supervision.llm.answers import MAX_EXPLANATION
-from islandgp.supervision.llm.episode import components, shortened, trace_of
+from islandgp.supervision.llm.episode import components, explanation_of, shortened, trace_of
 from islandgp.text import in_points
 
 ROWS: Final = 40  # most classes in a prompt
@@ -127,11 +127,14 @@ class Shown:
     def __init__(self) -> None:
         self._names: dict[str, str] = {}
 
-    def __call__(self, tree: str, name: str) -> str:
-        """The tree in a fence, or a sentence that names where it stands above."""
+    def __call__(self, tree: str, name: str, comments: str = "") -> str:
+        """The tree in a fence, or a sentence that names where it stands above.
+
+        `comments`: the same tree with comments, which is printed instead.
+        """
         if (first := self._names.setdefault(tree.strip(), name)) != name:
             return f"Its tree is that of {first}."
-        return f"```\n{shortened(tree)}\n```"
+        return f"```\n{comments.strip() or shortened(tree)}\n```"
 
 
 def run_values(
@@ -147,8 +150,8 @@ def run_values(
     if "earnings" in names:
         values["earnings"] = "\n".join(_earnings(now.individuals, context.classes))
     if "traces" in names:
-        texts = _traces(context, state, now, shown)
-        values["traces"], episodes = "\n\n".join(texts), len(texts)
+        texts, episodes = _traces(context, state, now, shown)
+        values["traces"] = "\n\n".join(texts)
     if "injected" in names:
         trees = [_injected(tree, now, context.classes, shown) for tree in run.injected]
         values["injected"] = "\n\n".join(trees)
@@ -229,17 +232,21 @@ def most_lacking(individuals: Sequence[IndividualRecord], classes: Classes) -> I
 
 def _traces(
     context: RunContext, state: PopulationState, now: GenerationView, shown: Shown
-) -> list[str]:
-    """Traces of the best and the least capable tree, in their first world of the generation."""
+) -> tuple[list[str], int]:
+    """Traces of the best and the least capable tree, and the episodes that were run for them.
+
+    They are of the trees' first world in the generation. The best tree is explained, too.
+    """
     best, worst = ranked(now.individuals)[0], most_lacking(now.individuals, context.classes)
-    named = [("The fittest tree", best)]
+    comments, episodes = explanation_of(best, context, now)
+    name = "The fittest tree"
+    texts = [f"{trace_of(name, best, context, now)}\n{shown(best.tree, name.lower(), comments)}"]
     if worst.tree != best.tree:
         behaviours = context.classes.behaviours_of(worst.counters)
         lacking = ", ".join(name for name in state.rarest_behaviours if name not in behaviours)
-        named.append((f"The tree with the fewest behaviours (without {lacking})", worst))
-    return [
-        f"{trace_of(name, i, context, now)}\n{shown(i.tree, name.lower())}" for name, i in named
-    ]
+        name = f"The tree with the fewest behaviours (without {lacking})"
+        texts.append(f"{trace_of(name, worst, context, now)}\n{shown(worst.tree, name.lower())}")
+    return texts, episodes + len(texts)
 
 
 def parents_of(view: GenerationView, context: RunContext, count: int) -> list[IndividualRecord]:

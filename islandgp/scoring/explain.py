@@ -2,21 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean
 
 from islandgp.bt.analysis.shorter import without
 from islandgp.bt.core.engine import ABORTED
 from islandgp.bt.core.kinds import kind_of
-from islandgp.bt.core.node import FAILURE, SUCCESS, Node, commented, size, walk
-from islandgp.domain import Outcome, Scene
-from islandgp.evaluation.base import Problem
+from islandgp.bt.core.node import (
+    FAILURE,
+    SUCCESS,
+    Node,
+    as_subtree,
+    commented,
+    names_of,
+    size,
+    walk,
+)
+from islandgp.bt.core.printer import with_subtrees
+from islandgp.domain import Observer, Outcome, Scene
 from islandgp.intervals import interval
 from islandgp.text import in_points
 
 Evaluate = Callable[[Sequence[Node], Sequence[int]], list[list[Outcome]]]
 """(trees, world seeds) -> the outcomes of each tree in each world."""
+
+Run = Callable[[Node, int, Observer | None], Outcome]
+"""Runs the episode of a tree in the world of a seed, with an observer if there is one."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,22 +83,20 @@ class _Counter:
         """See `Observer`."""
 
 
-def usage(problem: Problem, tree: Node, worlds: Sequence[int], stage: int) -> list[Usage]:
+def usage(run: Run, tree: Node, worlds: Sequence[int]) -> list[Usage]:
     """What each node of a tree does, in document order.
 
     Args:
-        problem: the domain and the curriculum.
+        run: runs an episode.
         tree: with actions and keys of the domain.
         worlds: at least one seed.
-        stage: index of the curriculum's stage that scores the episodes.
 
     Returns:
         One entry per node, without losses.
     """
-    weights = problem.curriculum.multipliers(stage)
     counters = [_Counter(tree) for _ in worlds]
     for counter, seed in zip(counters, worlds, strict=True):
-        problem.in_world(stage, seed).run_episode(tree, seed, weights, counter)
+        run(tree, seed, counter)
     nodes = list(walk(tree))
     usages = []
     for place, node in enumerate(nodes):
@@ -111,7 +121,11 @@ def _usage(counters: Sequence[_Counter], place: int, end: int) -> Usage:
 
 
 def with_losses(
-    usages: Sequence[Usage], tree: Node, evaluate: Evaluate, worlds: Sequence[int]
+    usages: Sequence[Usage],
+    tree: Node,
+    evaluate: Evaluate,
+    worlds: Sequence[int],
+    leave_out: Collection[int] = (),
 ) -> list[Usage]:
     """Adds what the tree loses without each node.
 
@@ -120,11 +134,16 @@ def with_losses(
         tree: theirs.
         evaluate: runs episodes.
         worlds: at least one seed.
+        leave_out: places of nodes that get no loss.
 
     Returns:
         The usages; those of nodes that cannot be removed alone have no loss.
     """
-    shorter = {place: form for place in range(len(usages)) if (form := without(tree, place))}
+    shorter = {
+        place: form
+        for place in range(len(usages))
+        if place not in leave_out and (form := without(tree, place))
+    }
     original, *outcomes = evaluate([tree, *shorter.values()], worlds)
     losses = {
         place: Loss(*interval([a.fitness - b.fitness for a, b in zip(original, own, strict=True)]))
@@ -150,7 +169,15 @@ def in_words(u: Usage) -> str:
     return ", ".join(parts)
 
 
-def explained(tree: Node, usages: Sequence[Usage]) -> Node:
+def with_counts(u: Usage) -> str:
+    """One line on a node's usage, with its ticks and results in an episode."""
+    counts = f"{u.ticks:,.0f} ticks, {u.successes:,.0f} succeeded, {u.failures:,.0f} failed; "
+    return (counts if u.worlds else "") + in_words(u)
+
+
+def explained(
+    tree: Node, usages: Sequence[Usage], words: Callable[[Usage], str] = in_words
+) -> Node:
     """The tree with a comment above each branch.
 
     A branch is a child of a selector, or an inner node, that can be removed alone.
@@ -162,6 +189,23 @@ def explained(tree: Node, usages: Sequence[Usage]) -> Node:
         selects = kind_of(node).advance_status == FAILURE
         children = tuple([visit(child, selects) for child in node.children])
         shown = mine.loss is not None and (is_branch or bool(children))
-        return commented(node._replace(children=children), [in_words(mine)] if shown else [])
+        inner = Node(node.kind, node.args, children)
+        for name in reversed(names_of(node)):
+            inner = as_subtree(inner, name)
+        return commented(inner, [words(mine)] if shown else [])
 
     return visit(tree, False)
+
+
+def explained_in_text(run: Run, tree: Node, worlds: Sequence[int]) -> tuple[str, int]:
+    """A tree's text with a comment on each child of a selector, and the episodes that were run."""
+    nodes = list(walk(tree))
+    selectors = {id(c) for n in nodes if kind_of(n).advance_status == FAILURE for c in n.children}
+    others = {place for place, node in enumerate(nodes) if id(node) not in selectors}
+
+    def evaluate(trees: Sequence[Node], seeds: Sequence[int]) -> list[list[Outcome]]:
+        return [[run(each, seed, None) for seed in seeds] for each in trees]
+
+    usages = with_losses(usage(run, tree, worlds), tree, evaluate, worlds, others)
+    episodes = (2 + len(nodes) - len(others)) * len(worlds)
+    return with_subtrees(explained(tree, usages, with_counts)), episodes

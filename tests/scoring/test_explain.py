@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from statistics import fmean
 
@@ -10,9 +11,17 @@ import pytest
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import Node, walk
 from islandgp.bt.core.printer import with_subtrees
-from islandgp.domain import Outcome
+from islandgp.domain import Observer, Outcome
 from islandgp.domains.island.vocabulary import VOCABULARY
-from islandgp.evolution.explain import Loss, Usage, explained, in_words, usage, with_losses
+from islandgp.scoring.explain import (
+    Loss,
+    Usage,
+    explained,
+    explained_in_text,
+    in_words,
+    usage,
+    with_losses,
+)
 from islandgp.viewer.recording import FAILED, STOPPED, SUCCEEDED, record
 from tests.composed import composed
 from tests.samples import outcome
@@ -32,7 +41,7 @@ selector {
 @pytest.fixture(scope="module")
 def usages() -> list[Usage]:
     """Of TREE on a short island, in two worlds."""
-    return usage(composed("world.episode.length=60").problem(), TREE, (3, 4), 2)
+    return usage(composed("world.episode.length=60").problem().run(2), TREE, (3, 4))
 
 
 def test_counts_are_those_of_recordings(usages: list[Usage]) -> None:
@@ -77,3 +86,21 @@ def test_a_tree_with_comments_is_the_same_tree(usages: list[Usage]) -> None:
     assert parse(text, VOCABULARY) == TREE
     line = "  # runs in 100% of worlds, earns 1,234, without it +50 [+30, +70]"
     assert text.splitlines().count(line) == 3
+
+
+def test_a_text_for_prompts() -> None:
+    """Each child of a selector has a comment with its counts and its loss; episodes are counted."""
+    episodes = 0
+
+    def run(tree: Node, seed: int, observer: Observer | None) -> Outcome:
+        nonlocal episodes
+        episodes += 1
+        return problem.run(2)(tree, seed, observer)
+
+    problem = composed("world.episode.length=60").problem()
+    text, counted = explained_in_text(run, TREE, [3])
+    assert counted == episodes == 5
+    assert parse(text, VOCABULARY) == TREE
+    assert text.count("#") == 3
+    assert re.search(r"# \d+ ticks, \d+ succeeded, \d+ failed; .* without it [+-]", text)
+    assert "# never runs" in text
