@@ -32,7 +32,7 @@ AT_THE_TOP = {
     "CONTRIBUTING.md": "contributing.md",
 }
 
-MODULES = ("islandgp.domain.contract", "islandgp.domain.simulator", "islandgp.testing.domain_suite")
+MODULES = ("islandgp.domain.contract", "islandgp.domain.simulator", "islandgp.testing.check")
 """What an author of a domain imports besides `islandgp` itself."""
 
 _LINK = re.compile(r"(!?)\[([^\]]*)\]\(([^)\s#]+)(#[^)\s]*)?\)")

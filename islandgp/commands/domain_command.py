@@ -150,49 +150,39 @@ def _check(
     settings: Settings, domain: Domain, files: Sequence[str], *, strict: bool, timeout: float
 ) -> int:
     """Runs the contract suite; returns the exit code."""
-    from islandgp.testing.domain_suite import DomainSuite, run_suite
+    from islandgp.testing.check import PROMISES, check_domain
 
     trees = [read_tree_text(file).tree(domain.schema.vocabulary) for file in files]
     known, left_out = known_trees(settings, domain)
     for line in left_out:
         click.echo(f"left out: {line}")
-
-    class Suite(DomainSuite):
-        episode_timeout = timeout
-
-        def make_domain(self) -> Domain:
-            return settings.make_domain()
-
-        def own_trees(self, domain: Domain) -> Iterator[Node]:  # noqa: ARG002 -- the suite's
-            yield from dict.fromkeys((*trees, *known))
-
-    suite, faults, printed, terminal = Suite(), 0, _Printed(), sys.stdout
+    own, printed = dict.fromkeys((*trees, *known)), _Printed()
     with redirect_stdout(printed):
-        for promise, fault in run_suite(suite):
-            click.echo(f"{'FAILED' if fault else 'ok':<6}  {promise}", file=terminal)
-            if fault:
-                faults += 1
-                click.echo(indent(fault, " " * 8), file=terminal)
+        check = check_domain(settings.make_domain, trees=own, timeout=timeout)
+    for promise in PROMISES if check.trees_run else check.faults:
+        fault = check.faults.get(promise, "")
+        click.echo(f"{'FAILED' if fault else 'ok':<6}  {promise}")
+        if fault:
+            click.echo(indent(fault, " " * 8))
     if printed.first:
         click.echo(f"\nIts code prints while episodes run, e.g. {short_repr(printed.first)}")
-    if not suite.trees_run:
+    if not check.trees_run:
         click.echo("The other promises are checked as soon as the episode of a tree runs.")
         return 1
-    unseen = list(suite.unseen())
-    if unseen:
+    if unreached := check.unreached():
         click.echo(
-            f"\nNot reached by any of {suite.trees_run} trees (no failure without --strict):"
+            f"\nNot reached by any of {check.trees_run} trees (no failure without --strict):"
         )
-        for line in unseen:
+        for line in unreached:
             click.echo(f"  {line}")
         click.echo("A tree that reaches them can be added: islandgp domain NAME --check TREE.bt")
-    if shared := list(suite.shared()):
+    if shared := check.shared():
         click.echo(
             "\nActions that seem to share a resource; declare it as their `uses` if they do:"
         )
         for line in shared:
             click.echo(f"  {line}")
-    return 1 if faults or (strict and unseen) else 0
+    return 1 if check.faults or (strict and unreached) else 0
 
 
 def known_trees(settings: Settings, domain: Domain) -> tuple[list[Node], list[str]]:

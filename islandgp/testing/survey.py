@@ -3,17 +3,19 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Final
 
 from islandgp.bt.core.engine import ABORTED
 from islandgp.bt.core.language import to_text
 from islandgp.bt.core.node import AGAIN, FAILURE, SUCCESS, Node, size, walk
-from islandgp.domain import Domain, Observer, Outcome, Scene, Schema, SimulatorDomain
-from islandgp.errors import IslandError
+from islandgp.domain import Domain, Observer, Outcome, Scene, Schema, SimulatorDomain, prepare
+from islandgp.errors import IslandError, TimeLimitError
 from islandgp.plugin import raised_in
+from islandgp.time_limit import TimeLimit
 
+SEEDS: Final = (0, 1, 2**32 - 1)  # of the worlds of all trees
 SHOWN: Final = 200  # characters of a tree in a message
 FIRST_TICKS: Final = 500  # that are compared for effects of two actions on each other
 
@@ -33,16 +35,65 @@ class Survey:
     """Results of all trees in one domain."""
 
     domain: Domain
+    make: Callable[[], Domain]  # makes further instances
+    timeout: float  # of an episode, s; 0: none
     runs: list[ObservedRun] = field(default_factory=list)  # of the trees that raised no exception
     visits: list[ObservedRun] = field(default_factory=list)  # some of them in further worlds
     faults: dict[tuple[str, str], EpisodeFault] = field(default_factory=dict)  # by type and place
 
-    def keep(self, error: BaseException, seed: int, tree: Node) -> None:
-        """Keeps an exception; of several with one type and place, that of the smallest tree."""
-        key = type(error).__name__, raised_in(error) or fault_text(error)
-        before = self.faults.get(key)
-        if before is None or size(tree) < size(before.tree):
-            self.faults[key] = EpisodeFault(fault_text(error), seed, tree)
+    def run(
+        self,
+        tree: Node,
+        seed: int,
+        weights: Mapping[str, float] | None = None,
+        observer: Observer | None = None,
+        *,
+        domain: Domain | None = None,
+    ) -> Outcome:
+        """An episode within the time limit."""
+        domain = domain or self.domain
+        prepare(domain)
+        with TimeLimit(self.timeout):
+            outcome = domain.run_episode(tree, seed, weights or {}, observer)
+        assert isinstance(outcome, Outcome), f"Expected an Outcome, found {outcome!r:.80}"
+        return outcome
+
+    def look(self, tree: Node) -> ObservedRun | None:
+        """Runs a tree in each world of SEEDS and keeps the results; None if it failed.
+
+        Raises:
+            TimeLimitError: an episode took too long; it is kept as well.
+        """
+        return self._kept(tree, SEEDS[0], SEEDS, self.runs)
+
+    def visit(self, tree: Node, seed: int) -> None:
+        """Runs a tree in a further world. Raises as `look`."""
+        self._kept(tree, seed, (), self.visits)
+
+    def _kept(
+        self, tree: Node, seed: int, seeds: Sequence[int], runs: list[ObservedRun]
+    ) -> ObservedRun | None:
+        recorder = EpisodeRecorder(tree, self.domain.schema)
+        try:
+            watched = self.run(tree, seed, {}, recorder)
+            outcomes = []
+            for seed in seeds:
+                outcomes.append(self.run(tree, seed))
+        except (Exception, SystemExit) as error:  # a simulator may call sys.exit
+            key = type(error).__name__, raised_in(error) or fault_text(error)
+            before = self.faults.get(key)
+            if before is None or size(tree) < size(before.tree):
+                self.faults[key] = EpisodeFault(fault_text(error), seed, tree)
+            if isinstance(error, TimeLimitError):
+                raise
+            return None
+        run = ObservedRun(tree, watched, tuple(outcomes) or (watched,), recorder)
+        runs.append(run)
+        return run
+
+    def recorders(self) -> list[EpisodeRecorder]:
+        """The observations of each tree in the first world."""
+        return [run.recorder for run in self.runs]
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,8 +277,11 @@ class EpisodeRecorder(Observer):
 class FrameChecker(EpisodeRecorder):
     """Checks the first frames as well."""
 
+    wrong_frame = ""
+
     def tick(self, board: Sequence[float], scene: Scene | None) -> None:
         super().tick(board, scene)
         if isinstance(scene, Scene) and scene.frame is not None and self.ticks <= 3:
             begin = scene.frame()[:8]
-            assert begin == b"\x89PNG\r\n\x1a\n", f"Expected a PNG, found {begin!r}..."
+            if begin != b"\x89PNG\r\n\x1a\n":
+                self.wrong_frame = f"Expected a PNG, found {begin!r}..."

@@ -15,7 +15,7 @@ PROTOCOLS = {
     "islandgp.supervision.base": ["Supervisor", "GenerationListener", "SupervisorLifecycle"],
     "islandgp.tracking.base": ["Tracker"],
 }
-AUTHORS = ("islandgp.domain.contract", "islandgp.domain.simulator", "islandgp.testing.domain_suite")
+AUTHORS = ("islandgp.domain.contract", "islandgp.domain.simulator", "islandgp.testing.check")
 """Modules that the reference of the Python interface shows whole, as MODULES of docs/pages.py."""
 
 

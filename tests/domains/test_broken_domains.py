@@ -19,7 +19,6 @@ import pytest
 import yaml
 
 from islandgp.bt.core.vocabulary import Action
-from islandgp.domain import Domain
 from islandgp.domains.island import Island
 from islandgp.domains.island.actions import IslandAction
 from islandgp.domains.island.state import State
@@ -27,7 +26,7 @@ from islandgp.errors import DomainError, EvaluationError
 from islandgp.evaluation.base import Job, Problem, simulate
 from islandgp.evaluation.serial import Serial
 from islandgp.scoring.curriculum import Curriculum
-from islandgp.testing.domain_suite import DomainSuite, run_suite
+from islandgp.testing import check_domain
 from tests.composed import plain
 from tests.domains.test_outside import OWN, example
 from tests.domains.test_tutorial import EXAMPLE
@@ -82,23 +81,12 @@ def problem(module: ModuleType) -> Problem:
     return Problem.of(factory, world, rewards, Curriculum(**config["curriculum"]))
 
 
-def suite(module: ModuleType, *, timeout: float = 20, number: int = 60) -> DomainSuite:
-    """The contract's tests for it, with a few trees."""
-
-    class Suite(DomainSuite):
-        random_trees = 4
-        grown_trees = number
-        episode_timeout = timeout
-
-        def make_domain(self) -> Domain:
-            return problem(module).domain
-
-    return Suite()
-
-
-def faults(tests: DomainSuite) -> dict[str, list[str]]:
-    """The lines of each promise that is broken."""
-    return {promise: fault.splitlines() for promise, fault in run_suite(tests) if fault}
+def faults(module: ModuleType, *, timeout: float = 20, number: int = 60) -> dict[str, list[str]]:
+    """The lines of each promise that is broken, found with a few trees."""
+    check = check_domain(
+        lambda: problem(module).domain, random_trees=4, grown_trees=number, timeout=timeout
+    )
+    return {promise: fault.splitlines() for promise, fault in check.faults.items()}
 
 
 EPISODES = [
@@ -174,7 +162,7 @@ def test_a_fault_of_an_episode_is_reported_once(
 ) -> None:
     """By the first promise, with the line of the domain's file and the smallest tree."""
     module = broken(old, new)
-    broken_promises = faults(suite(module))
+    broken_promises = faults(module)
     assert list(broken_promises) == ["every episode runs"]
     (message,) = broken_promises["every episode runs"]
     assert message.startswith(f"{fault}, in {module.__file__}, line ")
@@ -211,7 +199,7 @@ def test_a_promise_that_is_broken_is_reported(
     broken: Broken, old: str, new: str, promise: str, fault: str
 ) -> None:
     """All episodes run, and one promise does not hold."""
-    assert faults(suite(broken(old, new), number=20)) == {promise: [fault]}
+    assert faults(broken(old, new), number=20) == {promise: [fault]}
 
 
 DECLARATIONS = [
@@ -279,7 +267,7 @@ def test_an_action_that_does_not_return_is_named(broken: Broken, case: str) -> N
     """The suite ends after the first episode that takes too long, with the action and the line."""
     code, function = HANGS[case]
     module = broken(TUCK, code)
-    (message,) = faults(suite(module, timeout=0.2))["every episode runs"]
+    (message,) = faults(module, timeout=0.2)["every episode runs"]
     assert f"found {function} still running after 0.2 s, in {module.__file__}, line " in message
 
 
@@ -311,7 +299,7 @@ def test_preparing_is_not_limited(broken: Broken) -> None:
 def test_other_code_that_does_not_return_is_named(broken: Broken) -> None:
     """By its function."""
     module = broken("    def sense(self):\n", "    def sense(self):\n        while True: pass\n")
-    (message,) = faults(suite(module, timeout=0.2))["every episode runs"]
+    (message,) = faults(module, timeout=0.2)["every episode runs"]
     assert f"found the function sense still running after 0.2 s, in {module.__file__}" in message
 
 

@@ -9,13 +9,13 @@ from pathlib import Path
 
 import pytest
 
-from islandgp.domain import Domain, RewardTable
+from islandgp.domain import RewardTable
 from islandgp.domains.gymnasium import rendering
 from islandgp.domains.gymnasium.domain import Gymnasium
 from islandgp.domains.gymnasium.world import GymnasiumWorld
 from islandgp.errors import ConfigError
 from islandgp.experiment import compose
-from islandgp.testing.domain_suite import DomainSuite
+from islandgp.testing import check_domain
 from tests.composed import composed, plain
 from tests.trees.shell import Cli, shell
 
@@ -43,14 +43,11 @@ def forget_backend(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 @needs_mujoco
-class TestSwimmer(DomainSuite):
-    """The promises of every domain."""
-
-    random_trees = 2
-    texts = (SWIMMER.read_text(encoding="utf-8"),)
-
-    def make_domain(self) -> Domain:
-        return composed("domain=swimmer", "world.ticks=15").make_domain()
+def test_swimmer_keeps_the_promises_of_a_domain() -> None:
+    """The contract's tests, with short episodes."""
+    make = composed("domain=swimmer", "world.ticks=15").make_domain
+    texts = [SWIMMER.read_text(encoding="utf-8")]
+    assert check_domain(make, trees=texts, random_trees=2).faults == {}
 
 
 @needs_mujoco

@@ -26,7 +26,7 @@ from islandgp.evolution.loop import evolve
 from islandgp.experiment import compose, run
 from islandgp.gp.record import Step
 from islandgp.running.parts import make_search, make_supervisor
-from islandgp.testing.domain_suite import DomainSuite
+from islandgp.testing import check_domain
 from tests.composed import composed, plain
 from tests.profiles import sweep
 from tests.running.commands import finish, kill_group, lines, start, wait_until
@@ -61,35 +61,13 @@ def short(world: str) -> Domain:
     return composed(f"domain={world}", *SHORT).make_domain()
 
 
-class TestCartPole(DomainSuite):
-    """An environment that is described by configuration alone."""
-
-    random_trees = 4
-    texts = (BY_HAND["cartpole"].read_text(encoding="utf-8"),)
-
-    def make_domain(self) -> Domain:
-        return short("cartpole")
-
-
-@pytest.mark.slow
-class TestLunarLander(DomainSuite):
-    """Another one, with flags, over a simulator in C++."""
-
-    random_trees = 4
-    texts = (BY_HAND["lunarlander"].read_text(encoding="utf-8"),)
-
-    def make_domain(self) -> Domain:
-        return short("lunarlander")
-
-
-class TestPendulum(DomainSuite):
-    """A third one, whose action is a number that trees give as an argument."""
-
-    random_trees = 4
-    texts = (BY_HAND["pendulum"].read_text(encoding="utf-8"),)
-
-    def make_domain(self) -> Domain:
-        return short("pendulum")
+@pytest.mark.parametrize(
+    "world", ["cartpole", "pendulum", pytest.param("lunarlander", marks=pytest.mark.slow)]
+)
+def test_environments_keep_the_promises_of_a_domain(world: str) -> None:
+    """Flags and numbers, choices and arguments, described by configuration alone."""
+    texts = [BY_HAND[world].read_text(encoding="utf-8")]
+    assert check_domain(lambda: short(world), trees=texts, random_trees=4).faults == {}
 
 
 @sweep(

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from copy import copy
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
 import pytest
 import yaml
@@ -20,32 +20,15 @@ from islandgp.domains.island import Island
 from islandgp.domains.island.actions import IslandAction
 from islandgp.evaluation.base import Problem
 from islandgp.gate import user_folder
-from islandgp.testing.domain_suite import DomainSuite, run_suite
+from islandgp.testing import Check, check_domain
 from tests.composed import plain
 
 EXAMPLES = Path(__file__).parents[2] / "examples"
 
 
-class TestIsland(DomainSuite):
+def island() -> Domain:
     """The island, with short episodes."""
-
-    random_trees = 4
-    grown_trees = 6
-    more_episodes = 0
-
-    def make_domain(self) -> Domain:
-        return Problem.recorded(plain("world.episode.length=40")).domain
-
-
-class TestPickPlace(DomainSuite):
-    """The domain of the tutorial."""
-
-    texts = ((EXAMPLES / "pick_place" / "carry.bt").read_text(encoding="utf-8"),)
-    random_trees = 4
-    grown_trees = 20
-
-    def make_domain(self) -> Domain:
-        return pick_place()
+    return Problem.recorded(plain("world.episode.length=40")).domain
 
 
 @cache
@@ -59,45 +42,53 @@ def pick_place() -> Domain:
         return Problem.recorded(config).domain
 
 
-def test_the_suite_locates_a_failure(monkeypatch: pytest.MonkeyPatch) -> None:
+CARRY = (EXAMPLES / "pick_place" / "carry.bt").read_text(encoding="utf-8")
+
+
+def check_pick_place(make: Callable[[], Domain]) -> Check:
+    """The check with the tutorial's tree and few others."""
+    return check_domain(make, trees=[CARRY], random_trees=4, grown_trees=20)
+
+
+def test_the_island_keeps_its_promises() -> None:
+    """With a few trees."""
+    assert check_domain(island, random_trees=4, grown_trees=6).faults == {}
+
+
+def test_the_tutorial_keeps_its_promises() -> None:
+    """And its tree reaches everything that the schema declares."""
+    check = check_pick_place(pick_place)
+    assert (check.faults, check.unreached()) == ({}, [])
+
+
+def test_a_failure_is_located(monkeypatch: pytest.MonkeyPatch) -> None:
     """The file and the line of the user's code, with Python's message."""
-
-    class Failing(TestPickPlace):
-        def make_domain(self) -> Domain:
-            domain = super().make_domain()
-            monkeypatch.setattr(type(domain).Episode, "sense", lambda _: 1 / 0)  # type: ignore[attr-defined] -- a SimulatorDomain domain's
-            return domain
-
-    faults = [fault for _, fault in run_suite(Failing()) if fault.startswith("Expected no error")]
-    line = Failing.make_domain.__code__.co_firstlineno + 2
-    assert faults
-    assert {fault.partition(", in ")[2] for fault in faults} == {
-        f"{__file__}, line {line} (world seed 0, tree Localise)"
-    }
+    episode: Any = type(pick_place()).Episode  # type: ignore[attr-defined] -- a SimulatorDomain's
+    sense = lambda _: 1 / 0  # noqa: E731
+    monkeypatch.setattr(episode, "sense", sense)
+    (fault,) = check_pick_place(pick_place).faults.values()
+    assert fault.startswith("Expected no error")
+    line = sense.__code__.co_firstlineno
+    place = f"{__file__}, line {line} (world seed 0, tree Localise)"
+    assert fault.partition(", in ")[2] == place
 
 
-def test_the_suite_finds_what_is_wrong(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_broken_promises_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     """A domain that keeps state between episodes, or breaks a range, gets a message."""
+    domain: Any = pick_place()
 
-    class Broken(TestPickPlace):
-        def make_domain(self) -> Domain:
-            domain = super().make_domain()
-            episode = type(domain).Episode  # type: ignore[attr-defined] -- a SimulatorDomain domain's
+    class Forgetful(domain.Episode):  # type: ignore[misc, name-defined]
+        episodes = 0
 
-            class Forgetful(episode):  # type: ignore[misc, valid-type] -- found at run time
-                episodes = 0
+        def __init__(self, world: object, seed: int, log: object) -> None:
+            type(self).episodes += 1
+            super().__init__(world, seed + self.episodes, log)
 
-                def __init__(self, world: object, seed: int, log: object) -> None:
-                    type(self).episodes += 1
-                    super().__init__(world, seed + self.episodes, log)
+        def sense(self) -> dict[str, float]:
+            return {**super().sense(), "blocks_left": 12.0}
 
-                def sense(self) -> dict[str, float]:
-                    return {**super().sense(), "blocks_left": 12.0}
-
-            monkeypatch.setattr(type(domain), "Episode", Forgetful)
-            return domain
-
-    faults = {promise: fault for promise, fault in run_suite(Broken()) if fault}
+    monkeypatch.setattr(type(domain), "Episode", Forgetful)
+    faults = check_pick_place(pick_place).faults
     assert "an episode is a function of tree seed and weights" in faults
     assert "Expected blocks_left <= 9, found 12.0" in faults["keys stay in their ranges"]
 
@@ -113,36 +104,27 @@ def test_a_status_that_an_action_has_only_behind_another_is_found() -> None:
             "ReturnToStart": lambda island, _: island.drive(*island.world.start, 5.0),
         }
 
-    class Suite(TestIsland):
-        random_trees = grown_trees = 0
+    def homing() -> Domain:
+        plain_island = island()
+        assert isinstance(plain_island, Island)
+        return Homing(plain_island.world, plain_island.rewards)
 
-        def make_domain(self) -> Domain:
-            island = super().make_domain()
-            assert isinstance(island, Island)
-            return Homing(island.world, island.rewards)
-
-    with pytest.raises(AssertionError, match=r"ReturnToStart to return SUCCESS, found RUNNING\."):
-        Suite().test_actions_return_the_statuses_that_they_declare()
+    faults = check_domain(homing, random_trees=0, grown_trees=0).faults
+    message = faults["actions return the statuses that they declare"]
+    assert message == "Expected ReturnToStart to return SUCCESS, found RUNNING."
 
 
 def test_actions_that_seem_to_share_a_resource_are_listed() -> None:
     """Two drives of one base are, as long as they do not declare it; tucking twice is not."""
 
-    class Undeclared(TestPickPlace):
-        declares = False
+    def undeclared() -> Domain:
+        domain = copy(pick_place())
+        words = domain.schema.vocabulary
+        actions = {name: replace(a, uses=()) for name, a in words.actions.items()}
+        domain.schema = replace(domain.schema, vocabulary=replace(words, actions=actions))  # type: ignore[misc]
+        return domain
 
-        def make_domain(self) -> Domain:
-            domain = copy(pick_place())
-            words = domain.schema.vocabulary
-            actions = {name: replace(a, uses=()) for name, a in words.actions.items()}
-            words = words if self.declares else replace(words, actions=actions)
-            domain.schema = replace(domain.schema, vocabulary=words)
-            return domain
-
-    class Declared(Undeclared):
-        declares = True
-
-    found = {*Undeclared().shared()}
+    found = check_pick_place(undeclared).shared()
     assert "MoveToPick and MoveToPlace" in found
     assert "Tuck with itself" not in found
-    assert "MoveToPick and MoveToPlace" not in {*Declared().shared()}
+    assert "MoveToPick and MoveToPlace" not in check_pick_place(pick_place).shared()

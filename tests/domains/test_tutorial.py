@@ -28,7 +28,7 @@ pytestmark = pytest.mark.process
 ROOT = Path(__file__).parents[2]
 EXAMPLE = ROOT / "examples" / "pick_place"
 PAGE = (ROOT / "docs" / "own_domain.md").read_text(encoding="utf-8")
-ARGUMENTS = "from islandgp.bt.core.parameters import"
+ARGUMENTS = "from islandgp.domain import Action, condition_leaf"
 NOT_IN_EXAMPLE = ("library:\n  folder: trees", "from dataclasses import replace", ARGUMENTS)
 """How the snippets begin that are not part of the example; test_outside runs the second."""
 SMALL = ("gp.population=6", "gp.generations=4")
@@ -78,9 +78,9 @@ def test_arguments_have_the_types_and_defaults_of_the_page() -> None:
 
 
 def test_the_domain_is_short() -> None:
-    """The whole domain is less than 125 lines of plain Python."""
+    """The whole domain is less than 135 lines of plain Python."""
     text = (EXAMPLE / "pick_place.py").read_text(encoding="utf-8")
-    assert len([line for line in text.splitlines() if line.strip()]) < 125
+    assert len([line for line in text.splitlines() if line.strip()]) < 135
 
 
 def follow(folder: Path, runner_in: Callable[[Path], Command], *small: str) -> str:

@@ -16,7 +16,7 @@ from typing import Any
 import pytest
 
 from islandgp.domains.island.vocabulary import SCHEMA
-from islandgp.testing.domain_suite import DomainSuite
+from islandgp.testing import check_domain
 from tests.running.commands import ROOT, Command, in_process
 
 pytestmark = pytest.mark.process
@@ -31,10 +31,10 @@ COLLECT = "selector { when robotCurrentExtraCapacity < 15 { DeliverToClearingPoi
 IN_A_PROCESS = """
 import json, sys
 from pathlib import Path
-from islandgp.testing.domain_suite import DomainSuite
+from islandgp.testing import check_domain
 from tests.running.commands import in_process
 
-DomainSuite.random_trees, DomainSuite.grown_trees = 2, 8
+check_domain.__kwdefaults__.update(random_trees=2, grown_trees=8)
 say = in_process(Path.cwd())
 print(json.dumps([say(*words) for words in json.loads(sys.argv[1])]))
 """
@@ -108,8 +108,8 @@ def outside(tmp_path_factory: pytest.TempPathFactory) -> Path:
     page_commands = commands("sh")
     assert len(page_commands) == 10
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(DomainSuite, "random_trees", 2)
-        patch.setattr(DomainSuite, "grown_trees", 8)
+        patch.setitem(check_domain.__kwdefaults__, "random_trees", 2)
+        patch.setitem(check_domain.__kwdefaults__, "grown_trees", 8)
         for command in page_commands:
             run(*arguments_of(command))
     return folder

@@ -20,9 +20,8 @@ from grid_world import Levels
 from islandgp.bt.core.language import parse
 from islandgp.config.compose import only_job
 from islandgp.config.settings import Settings
-from islandgp.domain import Domain
 from islandgp.errors import ConfigError, IslandError
-from islandgp.testing.domain_suite import DomainSuite
+from islandgp.testing import check_domain
 from tests.running.commands import in_process
 from tests.trees.shell import Cli
 
@@ -38,14 +37,10 @@ def settings(*overrides: str) -> Settings:
 
 
 @pytest.mark.slow
-class TestMiniGrid(DomainSuite):
+def test_minigrid_keeps_the_promises_of_a_domain() -> None:
     """A maze with keys, in which a seed chooses one of six levels."""
-
-    random_trees = 6
-    texts = (BY_HAND,)
-
-    def make_domain(self) -> Domain:
-        return settings("world.ticks=40").make_domain()
+    make = settings("world.ticks=40").make_domain
+    assert check_domain(make, trees=[BY_HAND], random_trees=6).faults == {}
 
 
 def test_the_page_s_commands(tmp_path: Path) -> None:
