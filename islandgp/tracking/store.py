@@ -11,6 +11,7 @@ import os
 import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field
 from errno import EACCES, EISDIR, ENOSPC
 from getpass import getuser
@@ -118,6 +119,16 @@ class Place:
         """The address for MLflow, which takes ? and % for parts of an address."""
         return self.uri if self.file is None else f"{SQLITE}{quote(str(self.file), safe=UNQUOTED)}"
 
+    def remove_stray_folder(self) -> None:
+        """Removes the empty folder that MLflow makes for a quoted address with ?, % or #."""
+        stray = Path(self.address.removeprefix(SQLITE)).parent
+        if self.file is not None and stray != self.file.parent:
+            for folder in (stray, *stray.parents):
+                if folder in self.file.parents:
+                    break
+                with suppress(OSError):  # it is not there, or not empty
+                    folder.rmdir()
+
 
 UNQUOTED: Final = "".join(chr(n) for n in range(32, 127) if chr(n) not in "?%#")
 
@@ -158,6 +169,7 @@ class Store:
         self.place = place
         self._client = _client(place)
         self.experiment = self._experiment()
+        place.remove_stray_folder()
 
     @property
     def client(self) -> MlflowClient:

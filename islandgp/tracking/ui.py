@@ -131,6 +131,7 @@ def served(place: Place, port: int) -> Iterator[Pages]:
         )
         try:
             _wait(process, f"http://127.0.0.1:{port}")
+            place.remove_stray_folder()
             yield _pages(f"http://{HOST}:{port}", store.experiment, sweep)
         except TrackingError as error:
             log.seek(0)

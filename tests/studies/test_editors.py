@@ -5,6 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import numpy as np
+import pandas as pd  # type: ignore[import-untyped] # its stubs are a package apart
 import pytest
 
 from islandgp.bt.core.language import parse, to_text
@@ -13,10 +14,12 @@ from islandgp.gp.edits import Edit
 from islandgp.gp.record import record_values
 from islandgp.records.lines import dump
 from islandgp.running.parts import make_supervisor
+from islandgp.statistics import paired_difference, paired_test
 from islandgp.supervision.base import GenerationView
 from islandgp.supervision.editor import Editor
 from studies.editors.controls import EditorYoked
 from tests.evolution.runs import run
+from tests.running.commands import ROOT
 from tests.samples import snapshot, state
 from tests.studies.configured import studied
 from tests.supervision.test_editor import CHARGE, COLLECT, PATROL, advice, individual, view
@@ -88,3 +91,23 @@ def test_yoked(tmp_path: Path) -> None:
     assert ["single_charging" in e.reason for e in edits] == [True, False]
     with pytest.raises(SupervisionError, match="Expected the record of another run"):
         editor("editor_yoked", "supervisor.policy.record=nowhere")
+
+
+def test_the_page_s_differences_are_those_of_the_shared_seeds() -> None:
+    """Each row's pairs, difference, directions and p are computed again from runs.csv."""
+    names = ["random_branch", "yoked", "random_tree", "constant", "combined", "expert", "founders"]
+    runs = pd.read_csv(ROOT / "studies/editors/results/runs.csv").fillna({"first_complete": 41})
+    firsts = runs.pivot(index="seed", columns="arm", values="first_complete")
+    page = (ROOT / "studies/editors/README.md").read_text(encoding="utf-8")
+    rows = [line.split("|")[2:6] for line in page.splitlines() if line.count("|") == 8][2:]
+    for name, row in zip([*names, "baseline", "fixed"], rows, strict=True):
+        editor_runs, control = firsts[["editor", name]].dropna().to_numpy().T
+        gap, test = paired_difference(editor_runs, control), paired_test(editor_runs, control)
+        assert [cell.strip().partition(" (")[0] for cell in row] == [
+            str(test.pairs),
+            f"{gap.estimate:.1f} [{gap.low:.1f}, {gap.high:.1f}]",
+            f"{(editor_runs < control).sum()}, {(editor_runs == control).sum()},"
+            f" {(editor_runs > control).sum()}",
+            row[3].strip(),
+        ]
+        assert float(row[3]) == pytest.approx(test.p, rel=0.07)
