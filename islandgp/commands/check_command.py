@@ -19,7 +19,6 @@ from islandgp.bt.core.source import Source
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.commands.files import FILE, TreeText, read_tree_text
 from islandgp.commands.options import DomainOptions, with_vocabulary_options
-from islandgp.commands.rerun import with_rerun_option
 from islandgp.commands.setting import vocabulary_of
 from islandgp.errors import (
     LimitError,
@@ -45,7 +44,6 @@ CODES: Final[dict[type[TreeError], str]] = {
 @click.option("--max-nodes", type=click.IntRange(1), help="Maximum size; default: unlimited.")
 @click.option("-q", "--quiet", is_flag=True, help="Do not print files without findings.")
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as a JSON list.")
-@with_rerun_option
 @with_vocabulary_options
 def command(
     files: tuple[str, ...],

@@ -17,7 +17,6 @@ from islandgp.bt.core.language import to_text
 from islandgp.bt.core.node import Node
 from islandgp.commands.files import FILE, display_name, read_tree_text
 from islandgp.commands.options import EpisodeOptions, NumberRange, with_episode_options
-from islandgp.commands.rerun import with_rerun_option
 from islandgp.commands.setting import recorded, stage_index, tree_in_domain
 from islandgp.commands.tables import Column, numbers, print_table, standard_output
 from islandgp.domain import Counter, Outcome, Schema
@@ -47,7 +46,6 @@ ENDS: Final = ("", "_low", "_high")  # suffixes of the names of an estimate and 
     help="Speed of --watch, as a factor; 0: without waiting.",
 )
 @click.option("--json", "as_json", is_flag=True, help="Print the outcomes as JSON.")
-@with_rerun_option
 @with_episode_options
 def command(
     files: tuple[str, ...],

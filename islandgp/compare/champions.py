@@ -8,7 +8,6 @@ too: a supervisor may inject trees that are good without evolution.
 
 from __future__ import annotations
 
-from collections import Counter
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
@@ -65,7 +64,7 @@ def unseen_worlds(study: Comparison, n: int) -> tuple[int, ...]:
 def library_trees(study: Comparison) -> dict[str, str]:
     """Canonical texts of the library's trees by name: its reference trees, those for targets.
 
-    The tree that was injected most often is marked. Names contain a colon, unlike those of arms.
+    Names contain a colon, unlike those of arms.
     """
     trees: dict[str, str] = {}
     for arm in study.arms:
@@ -73,11 +72,6 @@ def library_trees(study: Comparison) -> dict[str, str]:
         for texts in (library.reference_trees(config), library.trees_for_targets(config)):
             for name, text in texts.items():
                 trees.setdefault(text, f"library: {name}")
-    counts = Counter(
-        g.tree for _, run in study.runs for g in run.guidance if g.injected and g.tree in trees
-    )
-    for text, times in counts.most_common(1):
-        trees[str(text)] += f" (injected {times:,} times)"
     return {name: text for text, name in trees.items()}
 
 
