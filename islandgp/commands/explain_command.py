@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import asdict
+from pathlib import Path
 
 import click
 
-from islandgp.bt.core.node import Node
+from islandgp.bt.core.node import Node, names_in
 from islandgp.bt.core.printer import with_subtrees
 from islandgp.commands.files import FILE
 from islandgp.commands.options import DomainOptions, with_domain_options, with_stage_option
@@ -17,6 +19,8 @@ from islandgp.commands.setting import stage_index, tree_in_domain
 from islandgp.commands.tables import standard_output
 from islandgp.domain import Outcome
 from islandgp.plain import nan_to_none
+from islandgp.records.folder import RunFolder
+from islandgp.records.sentences import in_lines
 from islandgp.scoring.explain import Usage, explained, usage, with_counts, with_losses
 
 
@@ -42,6 +46,9 @@ def command(
     For each node: the share of worlds in which it runs (a guard runs if its child does), its ticks,
     successes and failures in an episode, the points that the actions below it earn, and how many
     points change without it, with a 95 % interval over the worlds.
+
+    For a tree in the folder of a run with search=plans, what the run has learned about its actions
+    follows.
     """
     from islandgp.evaluation.base import evaluated
     from islandgp.evolution.validation import fresh_worlds
@@ -61,6 +68,18 @@ def command(
         click.echo(with_subtrees(explained(tree, usages)), nl=False)
     else:
         _draw(tree, usages)
+        if learned := _learned(tree, Path(file).parent):
+            click.echo("\n".join(in_lines(learned)))
+
+
+def _learned(tree: Node, folder: Path) -> list[str]:
+    """What the run in a folder has found out about the actions of a tree; [] if there is none."""
+    run = RunFolder(folder)
+    if not run.finished():
+        return []
+    actions = names_in(tree)[0]
+    learned = run.summary().get("learned", ())
+    return [s for s in learned if re.split(r"\W", s, maxsplit=1)[0] in actions]
 
 
 def _draw(tree: Node, usages: Sequence[Usage]) -> None:

@@ -13,7 +13,7 @@ from islandgp.gp.population import Advice, Evaluated, Individual
 from islandgp.gp.record import RunState
 from islandgp.plain import from_json, to_json
 from islandgp.plugin import path_of, plugin_errors
-from islandgp.search.base import Search, SearchState, StreamingSearch
+from islandgp.search.base import LearningSearch, Search, SearchState, StreamingSearch
 from islandgp.seeding import Streams
 
 
@@ -112,3 +112,10 @@ def restored(state: RunState, search: Search, vocabulary: Vocabulary) -> RunStat
             f"Expected a checkpoint of the search {type(search).__name__}, found other contents"
             f" ({error}); use resume=never for a new folder beside this one."
         ) from error
+
+
+def findings(search: Search, state: RunState | None, vocabulary: Vocabulary) -> list[str]:
+    """Sentences on what a search has found out, e.g. about actions; [] if it learns nothing."""
+    if state is None or state.memory is None or not isinstance(search, LearningSearch):
+        return []
+    return search.findings(restored(state, search, vocabulary).memory)

@@ -106,6 +106,7 @@ class RunSummary:
     records: str  # digest of all records
     constraints: str | None = None  # in words; None: there are none
     nothing_works: str = ""  # a sentence on what no individual has ever achieved
+    learned: tuple[str, ...] = ()  # sentences on what the search has found out
 
 
 @dataclass(frozen=True, slots=True)

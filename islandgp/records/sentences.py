@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from islandgp.text import in_points, title
@@ -69,3 +69,9 @@ def _name(champion: Mapping[str, Any]) -> str:
     after = [tree["nodes"] for tree in champion["front"] if tree["chosen"]]
     short = f", shortened from {before} to {after[0]} nodes" if after and after[0] < before else ""
     return f"Best robot: individual {champion['record']['id']}{short}"
+
+
+def in_lines(learned: Sequence[str]) -> Iterator[str]:
+    """What a search has found out about the actions, under a heading."""
+    yield "Learned from the episodes:"
+    yield from (f"  {sentence}" for sentence in learned)

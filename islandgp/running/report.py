@@ -12,7 +12,7 @@ from islandgp.gp.record import Champion
 from islandgp.plain import nan_to_none
 from islandgp.records.files import answers, fallback_share, fallback_words
 from islandgp.records.folder import RunFolder
-from islandgp.records.sentences import best_robot, comparisons, constrained, reached
+from islandgp.records.sentences import best_robot, comparisons, constrained, in_lines, reached
 from islandgp.running.totals import RunTotals
 from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, in_words
 from islandgp.text import in_points, title
@@ -33,6 +33,7 @@ def summary(
     *,
     constraints: Constraints = NO_CONSTRAINTS,
     nothing_works: str = "",
+    learned: Sequence[str] = (),
 ) -> dict[str, Any]:
     """The content of summary.json.
 
@@ -44,6 +45,7 @@ def summary(
         most_fallback: largest accepted share of the fallback's answers; None: any.
         constraints: of the run.
         nothing_works: a sentence on what no individual has ever achieved; "" if all is well.
+        learned: sentences on what the search has found out; () if it learns nothing.
     """
     sources, snapshots = answers(totals.decisions), totals.snapshots
     limits = {} if not constraints else {"constraints": in_words(constraints)}
@@ -65,6 +67,7 @@ def summary(
         },
         **limits,
         **({"nothing_works": nothing_works} if nothing_works else {}),
+        **({"learned": list(learned)} if learned else {}),
         "fittest": asdict(fittest),
         "first": first,
         "final_best": snapshots[-1]["best"],
@@ -110,6 +113,7 @@ def report(target: RunFolder, costs: Sequence[Mapping[str, Any]]) -> str:
             f"Results: {target.path}",
             "",
             s["champion"]["text"].rstrip(),
+            *(["", *in_lines(s["learned"])] if s.get("learned") else []),
             "",
         )
     )

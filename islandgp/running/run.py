@@ -15,6 +15,7 @@ import yaml
 from islandgp.config.settings import Settings
 from islandgp.errors import RunError
 from islandgp.evolution.loop import evolve
+from islandgp.evolution.search_calls import findings
 from islandgp.evolution.validation import Best
 from islandgp.gp.archive import archive_record
 from islandgp.gp.plan import Plan
@@ -211,12 +212,13 @@ def _evolve(run: _OpenRun) -> RunTotals:
     totals = totals_of(target, candidates_of(settings))
     evaluator = make_evaluator(settings)
     needed = isinstance(supervisor, GenerationListener) or plan.switches.edits
+    search, state = make_search(settings, plan), start
     steps = evolve(
         plan,
         settings.seed,
         supervisor,
         evaluator,
-        search=make_search(settings, plan),
+        search=search,
         start=start,
         past=target.generations() if done and needed else (),
         library_episodes=lambda: run.library_cost.episodes,
@@ -232,6 +234,8 @@ def _evolve(run: _OpenRun) -> RunTotals:
     )
 
     def write(step: Step) -> None:
+        nonlocal state
+        state = step.state or state
         totals.add(*target.append(step))
         run.tracker.generation()
 
@@ -245,7 +249,8 @@ def _evolve(run: _OpenRun) -> RunTotals:
             raise
         steps.close()
         closed = closing.submit(evaluator.close)
-        _finish(settings, plan, target, totals, last, best)
+        learned = findings(search, state, plan.vocabulary)
+        _finish(settings, plan, target, totals, last, best, learned)
     closed.result()
     return totals
 
@@ -275,7 +280,13 @@ def _keep(
 
 
 def _finish(
-    settings: Settings, plan: Plan, target: RunFolder, totals: RunTotals, last: Step, best: Best
+    settings: Settings,
+    plan: Plan,
+    target: RunFolder,
+    totals: RunTotals,
+    last: Step,
+    best: Best,
+    learned: Sequence[str],
 ) -> None:
     """Writes the archive and the summary of a run at its end."""
     axes, floor = plan.archive.axes(plan.classes), plan.archive.floor
@@ -288,6 +299,9 @@ def _finish(
         settings.classes.milestones,
         settings.supervisor.policy.get("most_fallback"),  # None: it has no fallback
         constraints=settings.constraints,
-        nothing_works=nothing_works(totals.curves, settings.classes, settings.rewards),
+        nothing_works=nothing_works(
+            totals.curves, settings.classes, settings.rewards, settings.search.name
+        ),
+        learned=learned,
     )
     target.finish({**end, "stopped": last.stopped} if last.stopped else end, archive)

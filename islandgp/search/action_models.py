@@ -160,19 +160,18 @@ class ActionModel:
     @property
     def sentence(self) -> str:
         """For reports and prompts: `HandOver needs carrying; gives not carrying; ...`."""
-        parts = [f"{self.text}"]
         if not self.succeeded:
             return f"{self.text} never succeeded in {self.failed:,} starts"
-        parts.append("needs " + (" and ".join(map(condition_text, self.needs)) or "nothing"))
+        moved = self.raises or {}
         gives = [*map(condition_text, self.gives)]
-        gives += [
-            f"{'more' if up > 0 else 'less'} {key}" for key, up in (self.raises or {}).items()
+        gives += [f"{'more' if up > 0 else 'less'} {key}" for key, up in moved.items()]
+        parts = [
+            f"{self.text} needs {' and '.join(map(condition_text, self.needs)) or 'nothing'}",
+            f"gives {', '.join(gives) or 'nothing seen'}",
+            *([f"earns {self.points:,.4g}"] if self.points > 0 else []),
+            f"{self.succeeded:,} of {self.succeeded + self.failed:,} starts succeeded",
         ]
-        parts.append("gives " + (", ".join(gives) or "nothing seen"))
-        if self.points:
-            parts.append(f"earns {self.points:,.4g}")
-        parts.append(f"{self.succeeded:,} of {self.succeeded + self.failed:,} starts succeeded")
-        return f"{parts[0]} " + "; ".join(parts[1:])
+        return "; ".join(parts)
 
 
 class Learner:

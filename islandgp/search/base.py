@@ -112,5 +112,14 @@ class StreamingSearch(Protocol):
         ...
 
 
+@runtime_checkable
+class LearningSearch(Protocol):
+    """A search that can tell what it has found out besides trees."""
+
+    def findings(self, memory: Any) -> list[str]:
+        """Sentences on what it has found out, for reports; `memory` is its `Memory`."""
+        ...
+
+
 class NoSettings(BaseModel, frozen=True, extra="forbid"):
     """Settings of a search that has none."""

@@ -106,6 +106,10 @@ class Plans(Racing):
             for text, record in memory.actions.items()
         }
 
+    def findings(self, memory: PlansMemory) -> list[str]:
+        """See `LearningSearch`: a sentence for each action, those of one name together."""
+        return [model.sentence for _, model in sorted(self.models(memory).items())]
+
     def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> PlansMemory:  # type: ignore[override] # another memory
         """See `BreedingSearch`."""
         before: PlansMemory | None = state.memory

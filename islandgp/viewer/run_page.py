@@ -167,7 +167,8 @@ def _nothing_works(view: RunView) -> str:
         rewards = RewardTable.model_validate(view.config["rewards"])
     except (KeyError, ValidationError):  # a domain's own rewards
         rewards = None
-    return nothing_works(view.history, Classes.model_validate(view.config["classes"]), rewards)
+    classes = Classes.model_validate(view.config["classes"])
+    return nothing_works(view.history, classes, rewards, view.config["search"]["name"])
 
 
 def _facts(view: RunView) -> Iterator[str]:

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+import shutil
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
 
 import numpy as np
 import pytest
+from click.testing import CliRunner
 
+import islandgp
 from islandgp.bt.core.condition import combine
 from islandgp.bt.core.language import parse, parse_condition, to_text
 from islandgp.bt.core.node import selector
 from islandgp.bt.core.printer import condition_text, head
+from islandgp.cli import islandgp as command
 from islandgp.evaluation.action_observer import ActionObserver
 from islandgp.evaluation.base import Evaluator, Problem
 from islandgp.evaluation.processes import Processes
@@ -21,7 +25,9 @@ from islandgp.evolution.loop import evolve
 from islandgp.gp.plan import Plan
 from islandgp.gp.record import RunState, Step
 from islandgp.records.checkpoint import read_checkpoint, save_state
+from islandgp.records.folder import RunFolder
 from islandgp.running.parts import make_search
+from islandgp.running.report import report
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.search.action_models import ActionModel, Learner, recorded
@@ -29,6 +35,7 @@ from islandgp.search.planning import Planner, branches
 from islandgp.search.plans import Plans
 from tests.composed import composed
 from tests.evolution.runs import Constant, lines
+from tests.running.commands import ROOT
 from tests.search.chain import SCHEMA, chain
 
 VOCABULARY = SCHEMA.vocabulary
@@ -176,3 +183,30 @@ def test_declared_conditions_are_needs_until_there_is_evidence() -> None:
     assert model.needs == (at_door,)
     assert head(model.leaf) == "Open"
     assert condition_text(combine("and", model.needs)) == "place == door"
+
+
+def test_what_was_learned_is_printed_and_explained(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """After the run, in its summary, and by `explain` for the actions of its best tree."""
+    folder = tmp_path / "chains"
+    shutil.copytree(ROOT / "examples/chains", folder)
+    monkeypatch.chdir(folder)
+    monkeypatch.syspath_prepend(str(folder))
+    results = islandgp.run(
+        *("domain=forklift", "search=plans", "supervisor=baseline", "search.policy.library=0"),
+        *("gp.population=8", "gp.generations=5", "world.ticks=60", "name=learned"),
+        *("tracking=off", "evaluator=serial", "seed=3"),
+        config_dir="conf",
+    )
+    best = results.path / str(results.runs["run"][0]) / "best.bt"
+    learned = RunFolder(best.parent).summary()["learned"]
+    raised = next(s for s in learned if s.startswith("RaiseFork "))
+    assert raised.startswith("RaiseFork needs nothing; gives fork_high; ")
+    options = ["--config-dir", "conf", "--worlds", "2"]
+    shown = CliRunner().invoke(command, ["explain", str(best), *options]).output
+    (folder / "all.bt").write_text("domain forklift sequence { RaiseFork Store }")
+    elsewhere = CliRunner().invoke(command, ["explain", "all.bt", *options]).output
+    assert "Learned from the episodes:" in shown
+    assert "Learned" not in elsewhere
+    assert "Learned from the episodes:" in report(RunFolder(best.parent), [])
