@@ -35,6 +35,7 @@ class Origin(StrEnum):
     BEHAVIOURAL_ELITE = "behavioural_elite"
     RESURRECTED = "resurrected"
     INJECTED = "injected"  # the supervisor's tree, or one of the library in generation 0
+    SAMPLED = "sampled"  # from the distribution of a search
     EDITED = "edited"  # tree of an earlier individual with an edit of the supervisor
 
 

@@ -34,6 +34,8 @@ from islandgp.bt.core.vocabulary import Key, Vocabulary, number
 from islandgp.errors import ConfigError
 from islandgp.gp.branches import fine
 from islandgp.intervals import interval
+from islandgp.scoring.constraints import merit
+from islandgp.search.cma import Cma
 from islandgp.seeding import Stream, seed_of
 
 SEARCH: Final = Fraction(
@@ -306,36 +308,31 @@ def _search(
     seed: int,
 ) -> list[Values]:
     """The last mean of CMA-ES, then the best values of each generation, the latest first."""
-    from cmaes import CMA  # type: ignore[import-untyped] # it ships no types; it loads SciPy
-
     axes = candidates.thresholds
     scales = [axis.key.high - axis.key.low for axis in axes]
-    optimizer = CMA(
-        mean=np.zeros(len(axes)),
-        sigma=settings.sigma,
+    optimizer = Cma(
+        np.zeros(len(axes)),
+        settings.sigma,
         bounds=np.array(
             [
                 [(end - axis.number.value) / scale for end in axis.bounds]
                 for axis, scale in zip(axes, scales, strict=True)
             ]
         ),
-        population_size=plan.population,
+        size=plan.population,
         seed=seed_of(seed, Stream.TUNING, generation=1),
     )
     winners: list[Values] = []
     for _ in range(plan.generations):
-        samples = [optimizer.ask() for _ in range(plan.population)]
+        samples = optimizer.ask()
         values = [_rounded(axes, offsets) for offsets in samples]
         trees = list(dict.fromkeys(values))
         fitness = candidates.points(trees, list(islice(worlds, settings.worlds)))
         means = {tree: fmean(points) for tree, points in zip(trees, fitness, strict=True)}
         best = max(trees, key=means.__getitem__)
         winners.append(best)
-        # Losses are relative to the best tree, as worlds differ between generations. CMA-ES stops
-        # if all losses are 0 for some dozens of generations.
-        losses = [means[best] - means[tree] for tree in values]
-        optimizer.tell(list(zip(samples, losses, strict=True)))
-        if len(trees) == 1 or optimizer.should_stop():
+        optimizer.tell(samples, [merit(means[tree], 0.0) for tree in values])
+        if len(trees) == 1 or optimizer.converged:
             break
     return [_rounded(axes, optimizer.mean), *reversed(winners)]
 

@@ -209,6 +209,7 @@ def _origin(step: LineageStep) -> str:
         "behavioural_elite": f"the elite {first} of its behaviour",
         "resurrected": f"{first}, brought back",
         "injected": "given at the start",
+        "sampled": "a sample of the search's distribution",
     }
     text = origins.get(origin, origin)
     if origin == "injected" and _generation(step.first["id"]):

@@ -51,6 +51,7 @@ ARMS: Final[dict[str, tuple[str, ...]]] = {
         name: (f"search={name}", "supervisor=baseline")
         for name in ("paper", *OTHER_SEARCHES, "random", "random_paper")
     },
+    "decision_list": ("search=decision_list", "supervisor=baseline", "gp.population=16"),
     "paper, expert": ("search=paper", "supervisor=expert"),
     "racing, library": ("search=racing", "supervisor=baseline"),
     "racing, expert": ("search=racing", "supervisor=expert"),
@@ -71,6 +72,7 @@ PAIRS: Final = (
         ("racing", other)
         for other in ("random", "random_paper", "paper", *OTHER_SEARCHES, *CONTROLS)
     ),
+    ("decision_list", "racing"),
     ("racing, expert", "compose"),
     ("racing, expert", "racing, library"),
     ("racing, library", "compose"),
@@ -96,6 +98,7 @@ class World:
     by_hand: Path  # a tree for comparison
     config_dir: Path | None = None
     library: bool = False
+    numeric: bool = False  # True: its keys are numbers
     arms: tuple[str, ...] = ()  # that run in this world; (): all
     seeds: range = SEEDS
 
@@ -110,7 +113,9 @@ MINIGRID: Final = ROOT / "examples" / "minigrid"
 WORLDS: Final[dict[str, World]] = {
     "island": World(("domain=island", "budget.episodes=1414"), ALL_ROUNDER, library=True),
     "cartpole": World(
-        ("domain=cartpole", "budget.episodes=3000"), DOMAINS / "gymnasium" / "trees" / "cartpole.bt"
+        ("domain=cartpole", "budget.episodes=3000"),
+        DOMAINS / "gymnasium" / "trees" / "cartpole.bt",
+        numeric=True,
     ),
     "pick_place": World(
         ("domain=pick_place", "budget.episodes=3000"), PICK_PLACE / "carry.bt", PICK_PLACE / "conf"
@@ -118,6 +123,12 @@ WORLDS: Final[dict[str, World]] = {
     "lunarlander": World(
         ("domain=lunarlander", "budget.episodes=12000", "gp.population=60", "gp.episodes=4"),
         DOMAINS / "gymnasium" / "trees" / "lunarlander.bt",
+        numeric=True,
+    ),
+    "swimmer": World(
+        ("domain=swimmer", "budget.episodes=400"),
+        DOMAINS / "gymnasium" / "trees" / "swimmer.bt",
+        numeric=True,
     ),
     "minigrid": World(
         ("domain=minigrid", "budget.episodes=10000", "gp.population=60", "gp.episodes=2"),
@@ -150,7 +161,9 @@ WORLDS: Final[dict[str, World]] = {
 def arms_of(world: World) -> Iterator[str]:
     """The arms that can run in a world."""
     for arm in world.arms or ARMS:
-        if world.library or arm not in (*WITH_LIBRARY, *CONTROLS):
+        if not world.library and arm in (*WITH_LIBRARY, *CONTROLS):
+            continue
+        if world.numeric or arm != "decision_list":
             yield arm
 
 

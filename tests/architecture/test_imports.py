@@ -70,7 +70,7 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     "httpx2": ("supervision.llm.client",),
     "xllamacpp": ("supervision.llm.local",),
     "ray": ("evaluation.ray",),
-    "cmaes": ("search.numbers",),
+    "cmaes": ("search.cma",),
     "scipy": ("statistics", "compare", "intervals"),
     "matplotlib": ("compare",),
     "lark": ("bt",),

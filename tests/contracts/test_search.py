@@ -40,12 +40,19 @@ from tests.profiles import sweep
 from tests.search.searches import NAMES
 
 SMALL = ("supervisor=expert", "gp.population=12", "gp.generations=7")
-FEWER = ("compose",)  # searches that may ask for fewer than gp.population individuals
+FEWER = (
+    "compose",
+    "decision_list",
+)  # searches that may ask for fewer than gp.population individuals
 REFUSED = {  # by search: the start of a word of configuration, and what it is answered
     "compose": {
         "gp.max_nodes=": "expected branches that fit",
         "gp.founders=": "expected only the library's branches",
-    }
+    },
+    "decision_list": {
+        "gp.max_nodes=": "expected a list of all actions within gp.max_nodes",
+        "gp.founders=": "expected no trees that open the population",
+    },
 }
 CHARGER = parse("sequence { SeekCharger ExecuteCharge }")
 GUARDED = parse("when batteryLevel < 30 abort lower { sequence { SeekCharger ExecuteCharge } }")
@@ -251,6 +258,10 @@ def test_small_vocabularies(case: Case, vocabulary: Vocabulary, overrides: tuple
         return {name: leaf(name) for name in vocabulary.actions}
 
     part = settings.search
+    if case.name == "decision_list":
+        with pytest.raises(ConfigError, match="expected 1 to 40 keys that are numbers, found 0"):
+            part.factory.make(part.settings(), SearchContext(plan, library))
+        return
     search = part.factory.make(part.settings(), SearchContext(plan, library))
     steps = run(plan, search)
     assert len(steps) == 7

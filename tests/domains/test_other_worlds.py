@@ -308,46 +308,12 @@ def test_values_beyond_the_range_are_cut() -> None:
     assert len({speed for speed in speeds if -0.3 < speed < 0.3}) > 1
 
 
-def test_a_key_may_be_a_weighted_sum_of_observations() -> None:
-    """The sum is that of the keys' values in each tick, and is cut to its own range."""
-    config = plain("domain=cartpole")
-    observations = config["world"]["observations"]
-    parts = [*observations][:3]
-    for name in parts:
-        observations[name]["range"] = [-1e3, 1e3]
-    weights = dict(zip(parts, (0.5, -2, 1), strict=True))
-    observations["mixed"] = {"sum": weights, "range": [-1e3, 1e3], "meaning": "a sum"}
-    observations["least"] = {"sum": weights, "range": [-0.01, 1e3], "meaning": "a sum that is cut"}
-    domain = read_settings(config).make_domain()
-    boards, vocabulary = _Boards(), domain.schema.vocabulary
-    domain.run_episode(parse("PushRight", vocabulary), 0, {}, boards)
-    at = vocabulary.key_index
-    sums = [board[at["mixed"]] for board in boards.boards]
-    assert sums == pytest.approx(
-        [sum(weights[name] * board[at[name]] for name in weights) for board in boards.boards]
-    )
-    assert [board[at["least"]] for board in boards.boards] == [max(-0.01, each) for each in sums]
-    assert min(sums) < -0.01 < max(sums)
-
-
 @pytest.mark.parametrize(
     ("overrides", "line"),
     [
         (
-            ("domain=lunarlander", "+world.observations.lean.at=3"),
-            "world.observations.lean: expected at, or sum with the weights",
-        ),
-        (
             ("domain=cartpole", "++world.observations.mixed={meaning: none}"),
-            "world.observations.mixed: expected at, or sum with the weights",
-        ),
-        (
-            ("domain=lunarlander", "+world.observations.lean.sum.hight=1"),
-            "world.observations.lean.sum: expected some of position, height, drift",
-        ),
-        (
-            ("domain=lunarlander", "+world.observations.lean.sum.sink=1"),
-            "world.observations.lean.sum: expected some of position, height, drift",
+            "world.observations.mixed.at: ",
         ),
         (("domain=cartpole", "world.environment=CartPool-v1"), "world.environment: expected one"),
         (("domain=cartpole", "world.actions.PushLeft.do=7"), "world.actions.PushLeft.do: expected"),

@@ -150,7 +150,6 @@ TAXI: dict[str, Any] = {
     "ticks": 5,
     "task": "Fetch a passenger.",
     "observations": {
-        "place": {"sum": {"row": 1, "column": 10}, "range": [0, 44], "meaning": "m"},
         "row": {"at": 0, "divide": 100, "range": [0, 4], "meaning": "m"},
         "column": {"at": 0, "divide": 20, "modulo": 5, "range": [0, 4], "meaning": "m"},
         "passenger": {"at": 0, "divide": 4, "modulo": 5, "words": list("RGYBT"), "meaning": "m"},
@@ -162,14 +161,14 @@ TAXI: dict[str, Any] = {
 
 @pytest.mark.parametrize("seed", range(5))
 def test_parts_of_a_code_are_keys(seed: int) -> None:
-    """Taxi's observation is one number; sums may use its parts, wherever they are declared."""
+    """Taxi's observation is one number, which has four parts."""
     world = GymnasiumWorld.model_validate(TAXI)
     domain = Gymnasium.make(world, RewardTable(events={}))
     log = EventLog(RewardTable(events={}), domain.schema, {}, None)
     episode, _ = domain.begin(seed, log, watched=False)
     env = domain.environment(render=False).unwrapped
     row, column, passenger, goal = (float(part) for part in env.decode(env.s))
-    assert domain.reader(episode)() == [row + 10 * column, row, column, passenger, goal]
+    assert domain.reader(episode)() == [row, column, passenger, goal]
 
 
 @pytest.mark.parametrize(
@@ -177,11 +176,10 @@ def test_parts_of_a_code_are_keys(seed: int) -> None:
     [
         ({"at": 0, "divide": 0}, "divide"),
         ({"at": 0, "modulo": 1}, "modulo"),
-        ({"sum": {"row": 1}, "modulo": 4}, "expected divide and modulo beside at"),
     ],
 )
 def test_parts_that_cannot_be(observation: dict[str, Any], message: str) -> None:
-    """A divisor is at least 1, a modulus at least 2, and a sum has neither."""
+    """A divisor is at least 1, a modulus at least 2."""
     observations = {**TAXI["observations"], "goal": {**observation, "meaning": "m"}}
     with pytest.raises(ValidationError, match=message):
         GymnasiumWorld.model_validate({**TAXI, "observations": observations})

@@ -18,7 +18,7 @@ from islandgp.bt.core.vocabulary import Key, Vocabulary
 from islandgp.errors import LimitError, TreeError, UnknownNameError
 
 MAX_TERMS: Final = 16  # most comparisons and flags of a condition
-MAX_OPERANDS: Final = 64  # most keys, numbers and operations in the sums of a condition
+MAX_OPERANDS: Final = 256  # most keys, numbers and operations in the sums of a condition
 MAX_NESTED: Final = 16  # most levels; each `and`, `or`, `not` and `(` adds one
 
 # lark.Tree and lark.Token: trees mix both, at places determined by the grammar.

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import cached_property
 from importlib.util import find_spec
 from json import dumps, loads
-from math import fsum, isfinite
+from math import isfinite
 from typing import Any, ClassVar, Final, Self, TypeAlias
 
 from pydantic import BaseModel
@@ -136,7 +136,7 @@ class _Episode:
         self.shrink, self.frame_every = world.shrink, world.frame_every
         self.total, self.steps = 0.0, 0
         ats = _places(world.observations, spaces)
-        self._read, self._act = _reader(world.observations, spaces, ats), spaces.act
+        self._read, self._act = _reader(world.observations, spaces), spaces.act
         self._values = self._read(env.reset(seed=seed)[0])
         self._step, self._steps_matter = env.step, log.matters("step")
         places = {"reward": -2, "step": -1, **ats}  # of the numbers of a step
@@ -230,26 +230,21 @@ class _Episode:
         return Scene(self._picture.bounds)
 
 
-def _derived(observations: Observations) -> list[str]:
-    """Names of the observations that are computed: parts first, as sums may use them."""
-    parts = [name for name, each in observations.items() if each.is_part]
-    return parts + [name for name, each in observations.items() if each.sum]
+def _derived(observations: Observations) -> dict[str, settings.Observation]:
+    """The observations that are computed, from numbers that code several."""
+    return {name: each for name, each in observations.items() if each.is_part}
 
 
 def _places(observations: Observations, spaces: Spaces) -> dict[str, int]:
     """By name of an observation, its index among an episode's numbers; derived ones come last."""
-    read = {n: spaces.places[o.at] for n, o in observations.items() if o.at is not None}
+    read = {n: spaces.places[o.at] for n, o in observations.items()}
     return read | {n: at for at, n in enumerate(_derived(observations), spaces.observed)}
 
 
-def _reader(observations: Observations, spaces: Spaces, ats: Mapping[str, int]) -> Read:
+def _reader(observations: Observations, spaces: Spaces) -> Read:
     """Reads the numbers of an observation, and those that the configuration derives from them."""
-    derived = []
-    for each in map(observations.__getitem__, _derived(observations)):
-        if each.at is None:
-            derived.append(_sum([(ats[part], weight) for part, weight in each.sum.items()]))
-        else:
-            derived.append(_part(spaces.places[each.at], each.divide, each.modulo))
+    parts = _derived(observations).values()
+    derived = [_part(spaces.places[each.at], each.divide, each.modulo) for each in parts]
     if not derived:
         return spaces.read
 
@@ -262,10 +257,6 @@ def _reader(observations: Observations, spaces: Spaces, ats: Mapping[str, int]) 
     return read
 
 
-def _sum(parts: Sequence[tuple[int, float]]) -> Callable[[Sequence[float]], float]:
-    return lambda values: fsum(weight * values[at] for at, weight in parts)
-
-
 def _part(at: int, divide: int, modulo: int | None) -> Callable[[Sequence[float]], float]:
     if modulo is None:
         return lambda values: values[at] // divide
@@ -275,7 +266,7 @@ def _part(at: int, divide: int, modulo: int | None) -> Callable[[Sequence[float]
 def _check(world: settings.GymnasiumWorld, spaces: Spaces) -> None:
     """Raises ConfigError if the environment lacks an observation or action of the configuration."""
     for name, observation in world.observations.items():
-        if observation.at is not None and observation.at not in spaces.places:
+        if observation.at not in spaces.places:
             raise ConfigError(
                 f"world.observations.{name}.at: expected {spaces.named()}, as"
                 f" {world.environment} observes {spaces.observed} numbers, found"

@@ -38,14 +38,12 @@ REWARD_EVENTS: Final = {
 
 
 class Observation(BaseModel, frozen=True, extra="forbid"):
-    """A number of the observation, or a weighted sum of some, as a key."""
+    """A number of the observation as a key."""
 
-    at: Annotated[int, Field(ge=0)] | str | None = None
+    at: Annotated[int, Field(ge=0)] | str
     """Its place in the observation; in a Dict, `key.place`."""
     divide: int = Field(default=1, ge=1)  # whole-number division, to read a part of a code
     modulo: int | None = Field(default=None, ge=2)  # remainder, after the division
-    sum: dict[Word, FiniteFloat] = Field(default_factory=dict)
-    """Instead of `at`: weights of other observations, for a weighted sum."""
     meaning: str  # one line, with the unit
     flag: bool = False  # True: a flag, yes for values above one half
     words: tuple[Word, ...] = ()  # of a number that counts from 0: names of its values
@@ -57,11 +55,6 @@ class Observation(BaseModel, frozen=True, extra="forbid"):
     def _rising(self) -> Self:
         if self.range[0] >= self.range[1]:
             raise ValueError(f"range: expected two rising numbers, found {list(self.range)}")
-        if (self.at is None) is not bool(self.sum):
-            both = "both" if self.sum else "neither"
-            raise ValueError(f"expected at, or sum with the weights of observations, found {both}")
-        if self.sum and self.is_part:
-            raise ValueError("expected divide and modulo beside at, found them beside sum")
         return self
 
     @property
@@ -169,17 +162,6 @@ class GymnasiumWorld(BaseModel, frozen=True, extra="forbid"):
             if isinstance(choice.do, int) and choice.arguments:
                 raise ValueError(
                     f"actions.{name}: expected a list as do beside arguments, found {choice.do}"
-                )
-        return self
-
-    @model_validator(mode="after")
-    def _sums_of_observations(self) -> Self:
-        names = [name for name, observation in self.observations.items() if not observation.sum]
-        for name, observation in self.observations.items():
-            if wrong := [part for part in observation.sum if part not in names]:
-                raise ValueError(
-                    f"observations.{name}.sum: expected some of {', '.join(names)}, found"
-                    f" {wrong[0]!r}"
                 )
         return self
 
