@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, TypeAlias
+from typing import Any, Final, TypeAlias
 
 import numpy as np
 
 from islandgp.scoring.constraints import Merit
+
+MAX_EQUAL: Final = 20  # generations of equal merits after which a search has converged
 
 Numbers: TypeAlias = np.ndarray[Any, np.dtype[np.float64]]
 
@@ -30,6 +32,7 @@ class Cma:
         from cmaes import CMA  # type: ignore[import-untyped] # it ships no types; it loads SciPy
 
         self._optimizer = CMA(mean, sigma, bounds, seed=seed, population_size=size)
+        self._equal = 0  # generations, the last ones, of equal merits
 
     @property
     def mean(self) -> Numbers:
@@ -44,8 +47,8 @@ class Cma:
 
     @property
     def converged(self) -> bool:
-        """True if more samples would hardly differ."""
-        return bool(self._optimizer.should_stop())
+        """True if more samples would hardly differ, or MAX_EQUAL generations did not."""
+        return self._equal >= MAX_EQUAL or bool(self._optimizer.should_stop())
 
     def ask(self) -> list[Numbers]:
         """The samples of a generation; each call draws new ones."""
@@ -56,4 +59,7 @@ class Cma:
         ranked = sorted(merits, reverse=True)
         if ranked[0] != ranked[-1]:
             pairs = zip(samples, merits, strict=True)
+            self._equal = 0
             self._optimizer.tell([(sample, float(ranked.index(merit))) for sample, merit in pairs])
+        else:
+            self._equal += 1
