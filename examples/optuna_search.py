@@ -51,7 +51,7 @@ def objective(trial: optuna.Trial, overrides: list[str]) -> tuple[float, ...]:
         )
 
     def prune(record: islandgp.GenerationRecord) -> None:
-        trial.report(record.snapshot.best, record.snapshot.generation)
+        trial.report(record.snapshot.fitness_max, record.snapshot.generation)
         if trial.should_prune():
             raise optuna.TrialPruned
 

@@ -2,7 +2,7 @@
 
 experiment = islandgp.compose("gp.population=12", "supervisor=baseline")
 for step in experiment:
-    print(step.record.snapshot.best)
+    print(step.record.snapshot.fitness_max)
 experiment.evaluate(step.champion.record.tree, worlds=range(10))
 
 With `search` and `evaluate_population` you can write the loop yourself (docs/search.md).

@@ -7,9 +7,9 @@ import math
 from collections.abc import Iterable
 from contextlib import suppress
 from functools import cache
-from typing import Any, Final, NoReturn, TypeVar, cast
+from typing import Annotated, Any, Final, NoReturn, TypeVar, cast
 
-from pydantic import TypeAdapter, ValidationError
+from pydantic import BeforeValidator, TypeAdapter, ValidationError
 
 from islandgp.gate import cleaned_values
 
@@ -111,6 +111,10 @@ def nan_to_none(value: Any) -> Any:
     if isinstance(value, list | tuple):
         return [nan_to_none(each) for each in value]
     return None if isinstance(value, float) and math.isnan(value) else value
+
+
+NanAsNull = Annotated[float, BeforeValidator(lambda value: math.nan if value is None else value)]
+"""The type of a number that is null in JSON if it is NaN (`nan_to_none`)."""
 
 
 def _validated(kind: Any, text: bytes, context: Any = None) -> Any:

@@ -25,15 +25,10 @@ from islandgp.atomic_files import damaged, reading
 from islandgp.errors import RunError
 from islandgp.gp.edit_fates import edit_fates
 from islandgp.records.archive_file import read_archive
-from islandgp.records.files import FITNESS_KEYS, values
 from islandgp.records.folder import RunFolder, run_folders
 from islandgp.records.parameters import flatten
-from islandgp.scoring.constraints import (
-    Constraints,
-    feasible_share,
-    recorded_constraints,
-    violation,
-)
+from islandgp.records.values import generation_values, individual_values, run_values
+from islandgp.scoring.constraints import Constraints, recorded_constraints
 from islandgp.sweep.folder import arm_of, job_of
 
 if TYPE_CHECKING:
@@ -106,14 +101,14 @@ class Results:
         if not folder.finished():
             return row
         summary = folder.summary()
-        return {**row, "tree": summary["champion"]["tree"], **values(summary)}
+        return {**row, "tree": summary["champion"]["tree"], **run_values(summary)}
 
     def _rows(self, of: Any) -> Iterator[dict[str, Any]]:
         for folder in self.folders:
             shared = self._identity(folder)
             constraints = recorded_constraints(folder.configuration())
             costs = chain(folder.costs(), repeat({}))  # a killed run may lack the last one
-            for record, cost in zip(folder.checked_records(), costs, strict=False):
+            for record, cost in zip(folder.records(), costs, strict=False):
                 for row in of(record, cost, constraints):
                     yield {**shared, **row}
 
@@ -169,22 +164,7 @@ def load(path: str | Path) -> Results:
 def _generation(
     record: Mapping[str, Any], cost: Mapping[str, Any], constraints: Constraints
 ) -> Iterator[dict[str, Any]]:
-    s, guidance, archive = record["snapshot"], record["guidance"] or {}, record["archive"]
-    plain = {name: value for name, value in s.items() if not isinstance(value, dict)}
-    fitness = {name: plain.pop(key) for name, key in FITNESS_KEYS.items()}
-    fields = ("source", "phase", "pattern", "target", "crisis", "injected")
-    row = {
-        **plain,
-        **fitness,
-        **{name: cost.get(name) for name in ("episodes", "library")},
-        **{name: guidance.get(name) for name in fields},
-        **{name: archive[name] for name in ("coverage", "qd_score")},
-        **_nested(s, "tiers", "specialists", "behaviour_counts", "counters"),
-    }
-    if constraints:
-        counters = [i["counters"] for i in record["individuals"]]
-        row["constraints.feasible"] = feasible_share(counters, constraints)
-    yield row
+    yield generation_values(record, cost, constraints)
 
 
 def _individuals(
@@ -192,24 +172,9 @@ def _individuals(
     cost: Mapping[str, Any],  # noqa: ARG001 -- as `_generation`
     constraints: Constraints,
 ) -> Iterator[dict[str, Any]]:
-    fields = ("id", "origin", "mutation", "fitness", "specialist", "nodes", "depth", "tree")
-    for i in record["individuals"]:
-        row = {
-            "generation": record["snapshot"]["generation"],
-            **{name: i[name] for name in fields},
-            "parents": " ".join(i["parents"]),
-            "best_tier": i["tiers"][0] if i["tiers"] else "",
-            "ending": " ".join(i["endings"]),
-            **_nested(i, "components", "counters"),
-        }
-        if constraints:
-            row["constraints.violation"] = violation(i["counters"], constraints)
-        yield row
-
-
-def _nested(record: Mapping[str, Any], *groups: str) -> dict[str, Any]:
-    """The values of nested mappings, by dotted names."""
-    return {f"{group}.{name}": v for group in groups for name, v in record[group].items()}
+    for individual in record["individuals"]:
+        generation = record["snapshot"]["generation"]
+        yield {"generation": generation, **individual_values(individual, constraints)}
 
 
 def _frame(kind: str, rows: Iterator[dict[str, Any]]) -> DataFrame:

@@ -288,7 +288,7 @@ def _candidates(
 
 def _used_worlds(run: RunFolder) -> Iterator[int]:
     """The worlds of a run's training, choice and test."""
-    for record in run.checked_records():
+    for record in run.records():
         yield from record["worlds"]
     champion = run.summary()["champion"]
     yield from champion["chosen_in"]

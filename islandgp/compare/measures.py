@@ -83,7 +83,7 @@ def _mean(key: str, label: str, unit: str, value: Value) -> Measure:
     return Measure(key, label, unit, lambda run: fmean(map(value, run.snapshots)))
 
 
-best: Final[Value] = attrgetter("best")  # highest fitness
+best: Final[Value] = attrgetter("fitness_max")  # highest fitness
 diversity: Final[Value] = attrgetter("diversity")  # Eq. (3)
 overlapping: Final[Value] = attrgetter("overlapping")
 rate: Final[Value] = attrgetter("rate")
@@ -91,9 +91,9 @@ rate: Final[Value] = attrgetter("rate")
 MEAN_MAX: Final = _mean("mean_max", "Mean Max Fitness", POINTS, best)
 FITNESS: Final = (
     Measure("max_ever", "Max Fitness Ever", POINTS, lambda r: max(map(best, r.snapshots))),
-    Measure("final_max", "Final Max Fitness", POINTS, lambda r: r.snapshots[-1].best),
+    Measure("final_max", "Final Max Fitness", POINTS, lambda r: r.snapshots[-1].fitness_max),
     MEAN_MAX,
-    Measure("final_mean", "Final Average Fitness", POINTS, lambda r: r.snapshots[-1].mean),
+    Measure("final_mean", "Final Average Fitness", POINTS, lambda r: r.snapshots[-1].fitness_mean),
     *_by_span("stage", "max fitness", POINTS, best),
 )
 """Tables 9 and 10; each in points of the run's own rewards and curriculum."""

@@ -19,6 +19,7 @@ from islandgp.domain import Outcome
 from islandgp.evaluation.base import Evaluator, Job
 from islandgp.evolution.candidates import Candidate
 from islandgp.intervals import interval
+from islandgp.plain import NanAsNull
 from islandgp.scoring.classes import Classes, tiers
 from islandgp.scoring.constraints import (
     NO_CONSTRAINTS,
@@ -42,8 +43,8 @@ class Comparison:
 
     name: str  # of the other tree
     mean: float  # points
-    low: float  # 95 % interval of the mean, Student's t
-    high: float
+    low: NanAsNull  # 95 % interval of the mean, Student's t
+    high: NanAsNull
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,8 +53,8 @@ class Validation:
 
     worlds: tuple[int, ...]  # world seeds
     mean: float  # points, mean over the worlds
-    low: float  # 95 % interval of the mean, Student's t
-    high: float
+    low: NanAsNull  # 95 % interval of the mean, Student's t
+    high: NanAsNull
     reached: dict[str, float]  # share of the worlds by tier
     comparisons: tuple[Comparison, ...] = ()  # with other trees
     violation: float | None = None  # of the constraints, by the counters' means; None: none

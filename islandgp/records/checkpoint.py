@@ -17,7 +17,7 @@ from islandgp.errors import RunError
 from islandgp.gate import opened, read_bytes
 from islandgp.gp.record import RunState
 from islandgp.plain import from_json, from_plain, read_json, to_json
-from islandgp.records.lines import Lines, dump, wrong_record
+from islandgp.records.lines import Lines, dump
 from islandgp.scoring.generation_stats import GenerationStats
 
 
@@ -29,7 +29,7 @@ def save_state(
     Args:
         path: the file.
         state: of the run.
-        records: digest of the records up to this state.
+        records: SHA-256 of the lines of the records up to this state.
         previous: new path of the checkpoint that is replaced.
     """
     plain_state = to_json(replace(state, history=()))
@@ -64,14 +64,13 @@ def generation_of(checkpoint: Path) -> int:
 
 
 def sound_state(
-    checkpoints: tuple[Path, Path], generations: Lines, sums: Path, warn: Callable[[str], None]
+    checkpoints: tuple[Path, Path], generations: Lines, warn: Callable[[str], None]
 ) -> RunState | None:
     """The state of the newest sound checkpoint, whose file then replaces the newest one.
 
     Args:
         checkpoints: the newest checkpoint and the one before it.
         generations: the records.
-        sums: the file of their digests.
         warn: called with one line for each damaged file.
 
     Returns:
@@ -83,12 +82,13 @@ def sound_state(
     newest = checkpoints[0]
     files = [file for file in checkpoints if file.exists()]
     if not files:
-        _must_be_new(newest, generations, warn)
+        if must_be_new(newest, generations):
+            warn(f"There is no {newest}: the run restarts at generation 0.")
         return None
     damage = [] if files[0] == newest else [f"There is no {newest}."]
     for file in files:
         try:
-            state = _with_history(file, generations, sums)
+            state = _with_history(file, generations)
         except RunError as error:
             damage.append(str(error))
             continue
@@ -100,24 +100,28 @@ def sound_state(
     raise RunError(damage[0])
 
 
-def _must_be_new(newest: Path, generations: Lines, warn: Callable[[str], None]) -> None:
-    """Raises RunError if there are records of several generations but no checkpoint."""
-    n = sum(1 for _ in generations.whole())
-    if n > 1:
+def must_be_new(newest: Path, generations: Lines) -> int:
+    """The number of records. Raises RunError if there are several but no checkpoint."""
+    if (n := sum(1 for _ in generations.whole())) > 1:
         raise RunError(
             f"Expected a checkpoint beside {n} generations in {newest}, found none;"
             " restore it, or use resume=never for a new folder beside this one."
         )
-    if n:
-        warn(f"There is no {newest}: the run restarts at generation 0.")
+    return n
 
 
-def _with_history(file: Path, generations: Lines, sums: Path) -> RunState:
+def must_be_recorded(lines: list[bytes], expected: str, generations: Lines) -> None:
+    """Raises RunError if the digest of these lines of the records is not that of a checkpoint."""
+    if lines and hashlib.sha256(b"".join(lines)).hexdigest() != expected:
+        reason = f"a record before generation {len(lines)} differs from its checksum"
+        raise damaged(generations.description, generations.path, reason)
+
+
+def _with_history(file: Path, generations: Lines) -> RunState:
     """A checkpoint's state. Raises RunError if it or a record before it is damaged or missing."""
     state, expected = read_checkpoint(file)
     lines = generations.head(state.generation)
-    if damage := wrong_record(lines, expected, sums):
-        raise damaged(generations.description, generations.path, damage)
+    must_be_recorded(lines, expected, generations)
     records = (generations.value(line, i) for i, line in enumerate(lines))
     history = tuple(from_plain(GenerationStats, record["snapshot"]) for record in records)
     return replace(state, history=history)

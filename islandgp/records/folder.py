@@ -5,6 +5,7 @@ docs/running.md lists its files. A run is finished if there is a summary.json.
 
 from __future__ import annotations
 
+import hashlib
 import traceback
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
@@ -19,22 +20,23 @@ from typing import Any, Final
 import yaml
 from filelock import FileLock
 
-from islandgp.atomic_files import damaged, reading, remove_leftovers, usable, write_atomic
+from islandgp.atomic_files import reading, remove_leftovers, usable, write_atomic
 from islandgp.errors import BusyError, IslandError, RunError, brief
 from islandgp.gate import check_folder, cleaned_values, read_bytes, read_text
 from islandgp.gp.record import GenerationRecord, RunState, Step, record_values
-from islandgp.plain import from_json, from_plain, read_json, validate_json
-from islandgp.records import files, lines, manifest
+from islandgp.plain import from_json, from_plain, validate_json
+from islandgp.records import files, manifest
 from islandgp.records.archive_file import NAME as ARCHIVE
 from islandgp.records.archive_file import ArchiveFile
 from islandgp.records.checkpoint import (
     generation_of,
+    must_be_new,
+    must_be_recorded,
     read_checkpoint,
     save_state,
     sound_state,
 )
 from islandgp.records.files import LONG, RunMetadata, RunSummary, pretty
-from islandgp.records.lines import Lines, Stamp, chained, generation_lines, stamp
 from islandgp.records.locks import locked, take
 from islandgp.records.parameters import without_credentials
 
@@ -73,15 +75,11 @@ class RunFolder:
     def __init__(self, path: Path) -> None:
         self.path = path
         self._lock = FileLock(path / ".lock")
-        self._generations = generation_lines(path)
-        self._costs = Lines(path / "costs.jsonl", "costs of generations", files.TimedCost)
-        self._sums = path / "generations.sha256"
+        self._generations = files.generation_lines(path)
+        self._costs = files.cost_lines(path)
         self._checkpoint = path / "checkpoint.json"
         self._previous = path / "checkpoint.previous.json"
-        self._digest = ""  # of the records so far
-        self._stamp: Stamp = None  # of generations.jsonl, after the last generation
-        self._lineage = files.LineageTable(path / "lineage.csv")  # of the records so far
-        self._summary: bytes | None = None  # as this process has written it
+        self._digest = hashlib.sha256()  # of the records that this process has read and written
 
     def open(self, config: str, about: RunMetadata) -> None:
         """Locks the folder for this process and writes about.json and config.yaml (YAML text).
@@ -111,7 +109,6 @@ class RunFolder:
     def close(self) -> None:
         """Unlocks the folder."""
         self._lock.release()
-        self._lineage.discard()
 
     def fail(self, error: Exception) -> None:
         """Writes error.txt, the message and the traceback, unless the disk is full."""
@@ -194,10 +191,12 @@ class RunFolder:
         Files that can be made again may be missing, and further files are allowed. `page`: check
         the run's page as well.
         """
-        for file in manifest.damaged_files(self.path):
-            added = file.damage is manifest.Damage.ADDED
-            if not (added or file.restorable or (file.name == files.PAGE and not page)):
-                raise manifest.refused(self.path, file)
+        damage = manifest.damaged_files(self.path)
+        for name, what in [*damage.items()]:
+            restorable = what == manifest.MISSING and name in manifest.RESTORABLE
+            if what == manifest.ADDED or restorable or (name == files.PAGE and not page):
+                del damage[name]
+        manifest.refuse(self.path, damage)
 
     def resume(self, warn: Callable[[str], None] = lambda _: None) -> RunState | None:
         """The state to continue from; None: the run starts at generation 0.
@@ -216,15 +215,10 @@ class RunFolder:
             )
         with usable(self.path):
             checkpoints = (self._checkpoint, self._previous)
-            state = sound_state(checkpoints, self._generations, self._sums, warn)
+            state = sound_state(checkpoints, self._generations, warn)
             done = state.generation if state else 0
-            self._generations.cut(done)
+            self._digest = hashlib.sha256(self._generations.cut(done))
             files.mend_costs(self._costs, done, 0 if state is None else state.spent, warn)
-            sums = list(lines.digests(self._generations.head(done)))
-            self._digest = sums[-1] if sums else ""
-            lines.write_digests(self._sums, sums)
-            self._stamp = stamp(self._generations.path)
-            self._lineage.begin(self._generations.read())
             if state is not None and state.champion is not None:
                 self._restore_best(state.champion.record.tree)
         return state
@@ -236,10 +230,11 @@ class RunFolder:
             if not best.exists():
                 self._restore_best(self.summary()["champion"]["text"])
             self._restore_long(self.summary())
-            lineage = self.path / "lineage.csv"
-            if not lineage.exists():
-                self._lineage.begin(self.records())
-                self._lineage.write()
+            if not (self.path / "lineage.csv").exists():
+                self._write_lineage()
+
+    def _write_lineage(self) -> None:
+        write_atomic(self.path / "lineage.csv", files.lineage_table(self.records()))
 
     def best_text(self, tree: str) -> str:
         """The content of best.bt for a tree: its domain and its canonical text."""
@@ -267,34 +262,14 @@ class RunFolder:
         record = record_values(step.record)
         cost = {**asdict(step.cost), "at": int(1000 * time())}
         with usable(self.path):
-            if stamp(self._generations.path) != self._stamp:
-                self.must_be_as_left()
-            line = self._generations.append(record)
-            self._stamp = stamp(self._generations.path)
-            self._digest = chained(self._digest, line)
-            lines.append_digest(self._sums, step.record.snapshot.generation, self._digest)
-            self._lineage.add(record)
+            self._digest.update(self._generations.append(record))
             self._costs.append(cost)
             if step.champion.generation == step.record.snapshot.generation:
                 self._restore_best(step.champion.record.tree)
             if step.state is not None:
-                save_state(
-                    self._checkpoint, step.state, records=self._digest, previous=self._previous
-                )
+                digest = self._digest.hexdigest()
+                save_state(self._checkpoint, step.state, records=digest, previous=self._previous)
         return record, cost
-
-    def must_be_as_left(self) -> None:
-        """Raises RunError if another program has changed the records while the run was active."""
-        digest, size = "", 0
-        for line in self._generations.whole():
-            digest, size = chained(digest, line), size + len(line)
-        present = stamp(self._generations.path)
-        if digest != self._digest or size != (0 if present is None else present[0]):
-            raise RunError(
-                f"Expected the records in {self._generations.path} as this run wrote them, found"
-                " them changed by another program; restore them, or use resume=never for a new"
-                " folder beside this one."
-            )
 
     def completed_generations(self) -> int:
         """Number of generations that resuming the run will not repeat, >= 0."""
@@ -309,65 +284,54 @@ class RunFolder:
             RunError: the records are not those that were appended, or the folder cannot be used.
         """
         with usable(self.path):
-            self.must_be_as_left()
+            file = self._generations.path
+            present = read_bytes(file) if file.exists() else b""
+            if hashlib.sha256(present).digest() != self._digest.digest():
+                raise RunError(
+                    f"Expected the records in {file} as this run wrote them, found them changed by"
+                    " another program; restore them, or use resume=never for a new folder beside"
+                    " this one."
+                )
             if archive is not None:
                 write_atomic(self.path / ARCHIVE, archive.to_bytes())
             self._restore_best(summary["champion"]["text"])
             self._restore_long(summary)
-            self._lineage.write()
-            end = pretty({**summary, "records": self._digest})
+            self._write_lineage()
+            end = pretty(summary)
             manifest.write_manifest(self.path, end)
             write_atomic(self.path / "summary.json", end)
-            self._summary = end
             self._checkpoint.unlink(missing_ok=True)
             self._previous.unlink(missing_ok=True)
 
     def records(self, first: int = 0) -> Iterator[dict[str, Any]]:
-        """Generation records from generation `first` on, as plain JSON values. Raises RunError."""
+        """Generation records from generation `first` on, as plain JSON values.
+
+        Raises:
+            RunError: they are not those that the run wrote, or a line holds something else.
+        """
         self._as_written(self._generations.path.name)
+        if not self.finished():
+            n, expected = self.last_record()
+            must_be_recorded(self._generations.head(n), expected, self._generations)
         return self._generations.read(first)
 
-    def checked_records(self) -> Iterator[dict[str, Any]]:
-        """All generation records; those of a finished run are checked against their checksum.
-
-        Raises:
-            RunError: a line holds something else; or, after the last one, the records are not
-                those that the run wrote.
-        """
-        self._as_written(self._generations.path.name)
-        last, expected = self.last_record()
-        digest, i = "", -1
-        for i, line in enumerate(self._generations.whole()):
-            yield self._generations.value(line, i)
-            digest = chained(digest, line) if i < last else digest
-        if i + 1 < last or digest != expected:
-            head = self._generations.head(last)
-            damage = lines.wrong_record(head, expected, self._sums)
-            raise damaged(self._generations.description, self._generations.path, damage)
-
     def last_record(self) -> tuple[int, str]:
-        """The number of records that are complete, and the digest of the last one; "" for none.
+        """Number and digest of the records before the newest checkpoint of an unfinished run.
 
         Raises:
-            RunError: the summary or the newest checkpoint is damaged, or missing.
+            RunError: the newest checkpoint is damaged, or missing.
         """
-        if self.finished():
-            summary = self.summary()
-            return int(summary["generations"]), str(summary["records"])
         for checkpoint in (self._checkpoint, self._previous):
-            if checkpoint.exists():
+            with suppress(FileNotFoundError):  # the run may write it at this moment
                 state, expected = read_checkpoint(checkpoint)
                 return state.generation, expected
-        if (n := sum(1 for _ in self._generations.whole())) > 1:
-            raise RunError(
-                f"Expected a checkpoint beside {n} generations in {self._checkpoint}, found none;"
-                " restore it, or use resume=never for a new folder beside this one."
-            )
+        if not self.finished():
+            must_be_new(self._checkpoint, self._generations)
         return 0, ""
 
     def generations(self) -> Iterator[GenerationRecord]:
-        """`checked_records` as GenerationRecord objects. Raises RunError."""
-        return (from_plain(GenerationRecord, record) for record in self.checked_records())
+        """`records` as GenerationRecord objects. Raises RunError."""
+        return (from_plain(GenerationRecord, record) for record in self.records())
 
     def costs(self, first: int = 0) -> Iterator[dict[str, Any]]:
         """Costs of the generations from `first` on; `at` is ms since 1970."""
@@ -376,8 +340,6 @@ class RunFolder:
 
     def summary(self) -> dict[str, Any]:
         """The content of summary.json. Raises RunError if it is missing or damaged."""
-        if self._summary is not None:  # it need not be read again
-            return dict(read_json(self._summary))
         file = self._as_written("summary.json")
         with reading("a finished run's summary", file):
             return dict(validate_json(RunSummary, read_bytes(file)))
@@ -392,7 +354,7 @@ def run_folders(root: Path) -> Iterator[RunFolder]:
 
     A run may lack about.json. Copies of runs in MLflow's artifact folders are left out.
     """
-    signs = ("about.json", "generations.sha256", manifest.NAME)
+    signs = ("about.json", "generations.jsonl", manifest.NAME)
     for folder in sorted({file.parent for name in signs for file in root.rglob(name)}):
         if not is_copy(folder, root):
             yield RunFolder(folder)

@@ -7,15 +7,12 @@ The page run.html is written later, and its entry is added then.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
-from enum import StrEnum
-from functools import lru_cache
 from pathlib import Path
 from typing import Final
 
 from islandgp.atomic_files import damaged, reading, write_atomic
-from islandgp.errors import RunError
 from islandgp.gate import check_folder, opened, read_bytes
 from islandgp.plain import from_json, read_json
 from islandgp.records.files import LONG, PAGE, pretty
@@ -29,7 +26,6 @@ REQUIRED: Final = (
     "about.json",
     "config.yaml",
     "generations.jsonl",
-    "generations.sha256",
     "costs.jsonl",
     "best.bt",
     "lineage.csv",
@@ -41,32 +37,8 @@ REQUIRED: Final = (
 RESTORABLE: Final = frozenset({"best.bt", LONG, "lineage.csv", PAGE})
 """Files that the run's command restores from the others if they are missing."""
 
-
-class Damage(StrEnum):
-    """Kind of damage to a file."""
-
-    CHANGED = "changed"
-    MISSING = "missing"
-    ADDED = "added"
-
-
-@dataclass(frozen=True, slots=True)
-class DamagedFile:
-    """A file of a finished run that was changed, added or removed."""
-
-    name: str
-    damage: Damage
-
-    @property
-    def restorable(self) -> bool:
-        """True if the run's command restores the file."""
-        return self.damage is Damage.MISSING and self.name in RESTORABLE
-
-    def __str__(self) -> str:
-        # After a kill, the page of an unfinished run may be there, without an entry.
-        restored = self.restorable or self.name == PAGE
-        remedy = "; the command of the run restores it" * restored
-        return f"{self.name}: {self.damage}{remedy}"
+CHANGED, MISSING, ADDED = "changed", "missing", "added"
+"""What may have happened to a file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,16 +55,6 @@ class Manifest:
 
     files: dict[str, ManifestEntry]  # by name
 
-    def damage(self, file: Path) -> DamagedFile | None:
-        """The damage to a file; None if it is as written."""
-        expected = self.files.get(file.name)
-        if not file.is_file():
-            return DamagedFile(file.name, Damage.MISSING)
-        if expected is None:
-            return DamagedFile(file.name, Damage.ADDED)
-        same = file.stat().st_size == expected.bytes and _entry(file) == expected
-        return None if same else DamagedFile(file.name, Damage.CHANGED)
-
 
 def write_manifest(folder: Path, summary: bytes) -> None:
     """Writes the manifest of a run's files, including the summary, which is written after it."""
@@ -100,45 +62,55 @@ def write_manifest(folder: Path, summary: bytes) -> None:
         name: _entry(folder / name) for name in _names(folder) if name not in (PAGE, "summary.json")
     }
     files["summary.json"] = ManifestEntry(len(summary), hashlib.sha256(summary).hexdigest())
-    _write(folder, Manifest(files))
+    _write(folder, files)
 
 
 def add_to_manifest(folder: Path, name: str) -> None:
     """Updates the entry of a file of a finished run. Raises RunError as `read_manifest`."""
-    files = read_manifest(folder).files
-    _write(folder, Manifest({**files, name: _entry(folder / name)}))
+    _write(folder, {**read_manifest(folder), name: _entry(folder / name)})
 
 
-def read_manifest(folder: Path) -> Manifest:
-    """The manifest of a finished run. Raises RunError: damaged or deleted."""
+def read_manifest(folder: Path) -> dict[str, ManifestEntry]:
+    """The entries of a finished run's files by name. Raises RunError: damaged or deleted."""
     file = folder / NAME
     if not file.exists():
-        raise damaged("the checksums of a finished run", file, "missing")
+        raise damaged("the checksums of a finished run", file, MISSING)
     with reading("the checksums of a finished run", file):
-        return from_json(Manifest, read_json(read_bytes(file)))
+        return from_json(Manifest, read_json(read_bytes(file))).files
 
 
-def damaged_files(folder: Path) -> list[DamagedFile]:
-    """The damaged files of a finished run. Raises RunError: the manifest is damaged."""
-    if not (folder / NAME).exists():
-        return [DamagedFile(NAME, Damage.MISSING)]
-    manifest = read_manifest(folder)
-    names = sorted({*manifest.files, *REQUIRED, *_names(folder)})
-    return [damage for name in names if (damage := manifest.damage(folder / name))]
+def damaged_files(folder: Path, names: Iterable[str] | None = None) -> dict[str, str]:
+    """What happened to the damaged files of a finished run, by name.
+
+    `names`: those to look at; None: all. Raises RunError: the manifest is damaged.
+    """
+    if names is None and not (folder / NAME).exists():
+        return {NAME: MISSING}
+    entries = read_manifest(folder)
+    looked_at = {*entries, *REQUIRED, *_names(folder)} if names is None else names
+    found = {name: _damage(folder / name, entries.get(name)) for name in sorted(looked_at)}
+    return {name: damage for name, damage in found.items() if damage}
+
+
+def _damage(file: Path, expected: ManifestEntry | None) -> str:
+    if not file.is_file():
+        return MISSING
+    if expected is None:
+        return ADDED
+    same = file.stat().st_size == expected.bytes and _entry(file) == expected
+    return "" if same else CHANGED
 
 
 def must_be_as_written(folder: Path, name: str) -> None:
     """Raises RunError if a file of a finished run is damaged, or another one is missing."""
-    manifest = read_manifest(folder)
-    for other in sorted({name, *REQUIRED, *manifest.files} - RESTORABLE | {name}):
-        is_read = other == name or not (folder / other).exists()
-        if is_read and (damaged_file := manifest.damage(folder / other)):
-            raise refused(folder, damaged_file)
+    listed = {*REQUIRED, *read_manifest(folder)} - RESTORABLE
+    refuse(folder, damaged_files(folder, {name, *(n for n in listed if not (folder / n).exists())}))
 
 
-def refused(folder: Path, damage: DamagedFile) -> RunError:
-    """The error for a damaged file of a finished run."""
-    return damaged("a file of a finished run", folder / damage.name, str(damage.damage))
+def refuse(folder: Path, damage: Mapping[str, str]) -> None:
+    """Raises RunError for the first damaged file of a finished run."""
+    for name, what in damage.items():
+        raise damaged("a file of a finished run", folder / name, what)
 
 
 def _names(folder: Path) -> Iterator[str]:
@@ -150,15 +122,10 @@ def _names(folder: Path) -> Iterator[str]:
 
 
 def _entry(file: Path) -> ManifestEntry:
-    status = file.stat()
-    return _hashed(file, status.st_size, status.st_mtime_ns, status.st_ino)
-
-
-@lru_cache(maxsize=4096)
-def _hashed(file: Path, size: int, changed: int, number: int) -> ManifestEntry:  # noqa: ARG001 -- another file has others
     with opened(file) as stream:
-        return ManifestEntry(size, hashlib.file_digest(stream, "sha256").hexdigest())
+        digest = hashlib.file_digest(stream, "sha256").hexdigest()
+        return ManifestEntry(stream.tell(), digest)
 
 
-def _write(folder: Path, manifest: Manifest) -> None:
-    write_atomic(folder / NAME, pretty(asdict(manifest)))
+def _write(folder: Path, files: dict[str, ManifestEntry]) -> None:
+    write_atomic(folder / NAME, pretty(asdict(Manifest(files))))

@@ -73,8 +73,8 @@ def row(
         mutation = f"{guidance.applied_rate:.2f}{'!' * bool(guidance.crisis)}"
     return (
         f"{s.generation}/{generations - 1}",
-        in_points(s.best),
-        in_points(s.mean),
+        in_points(s.fitness_max),
+        in_points(s.fitness_mean),
         f"{s.diversity:.2f}",
         f"{s.working:.2f}",
         *(str(s.tiers[name]) for name in milestones),

@@ -10,9 +10,9 @@ from islandgp.domain import total
 from islandgp.evolution.validation import Best, Validation
 from islandgp.gp.record import Champion
 from islandgp.plain import nan_to_none
-from islandgp.records.files import answers, fallback_share, fallback_words
 from islandgp.records.folder import RunFolder
 from islandgp.records.sentences import best_robot, comparisons, constrained, in_lines, reached
+from islandgp.records.values import answers, fallback_share, fallback_words
 from islandgp.running.totals import RunTotals
 from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, in_words
 from islandgp.text import in_points, title
@@ -70,8 +70,8 @@ def summary(
         **({"learned": list(learned)} if learned else {}),
         "fittest": asdict(fittest),
         "first": first,
-        "final_best": snapshots[-1]["best"],
-        "final_mean": snapshots[-1]["mean"],
+        "final_fitness_max": snapshots[-1]["fitness_max"],
+        "final_fitness_mean": snapshots[-1]["fitness_mean"],
         "mean_diversity": total(s["diversity"] for s in snapshots) / len(snapshots),
         "generations": len(snapshots),
         "answers": sources,

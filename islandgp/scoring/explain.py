@@ -22,6 +22,7 @@ from islandgp.bt.core.node import (
 from islandgp.bt.core.printer import with_subtrees
 from islandgp.domain import Observer, Outcome, Scene
 from islandgp.intervals import interval
+from islandgp.plain import NanAsNull
 from islandgp.text import in_points
 
 Evaluate = Callable[[Sequence[Node], Sequence[int]], list[list[Outcome]]]
@@ -39,8 +40,8 @@ class Loss:
     """
 
     mean: float
-    low: float
-    high: float
+    low: NanAsNull
+    high: NanAsNull
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,9 +20,9 @@ class GenerationStats:
     generation: int  # from 0
     epoch: int  # from 1
     stage: int  # index into Table 2, from 0
-    best: float  # fitness of the best individual, points
-    mean: float  # mean fitness, points
-    sd: float  # its standard deviation over the population, points
+    fitness_max: float  # fitness of the best individual, points
+    fitness_mean: float  # mean fitness, points
+    fitness_sd: float  # its standard deviation over the population, points
     diversity: float  # Eq. (3), over the exclusive classes
     overlapping: float  # Eq. (3), over the behaviours, of which an individual may show several
     working: float  # Eq. (4)
@@ -74,9 +74,9 @@ def generation_stats(
         generation=generation,
         epoch=curriculum.epoch(generation),
         stage=curriculum.stage(generation),
-        best=max(merits)[1],
-        mean=fmean(fitness),
-        sd=pstdev(fitness),
+        fitness_max=max(merits)[1],
+        fitness_mean=fmean(fitness),
+        fitness_sd=pstdev(fitness),
         diversity=diversity(specialists),
         overlapping=overlapping(behaviours),
         working=sum(label.working for label in labels) / len(labels),

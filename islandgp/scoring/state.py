@@ -101,8 +101,8 @@ def stagnant(history: Sequence[GenerationStats], improvement: float) -> int:
     stage, best, since = -1, 0.0, 0
     for snapshot in history:
         since += 1
-        if snapshot.stage != stage or snapshot.best > best + improvement * abs(best):
-            stage, best, since = snapshot.stage, snapshot.best, 0
+        if snapshot.stage != stage or snapshot.fitness_max > best + improvement * abs(best):
+            stage, best, since = snapshot.stage, snapshot.fitness_max, 0
     return since
 
 
@@ -128,11 +128,11 @@ def population_state(
         now=now,
         history=recent,
         best_rose=plateau == 0 and len(stage) > 1,
-        best_rise=(now.best - stage[0].best) / max(1.0, abs(stage[0].best)),
-        best_change=now.best - last.best,
-        mean_change=now.mean - last.mean,
-        best_trend=trend([s.best for s in stage]),
-        mean_trend=trend([s.mean for s in stage]),
+        best_rise=(now.fitness_max - stage[0].fitness_max) / max(1.0, abs(stage[0].fitness_max)),
+        best_change=now.fitness_max - last.fitness_max,
+        mean_change=now.fitness_mean - last.fitness_mean,
+        best_trend=trend([s.fitness_max for s in stage]),
+        mean_trend=trend([s.fitness_mean for s in stage]),
         diversity_change=now.diversity - before.diversity,
         diversity_trend=trend([s.diversity for s in recent]),
         stagnant_generations=plateau,

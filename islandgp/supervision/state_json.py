@@ -48,11 +48,11 @@ def state_json(
         "epoch": now.epoch,
         "stage": now.stage + 1,
         "fitness": {
-            "best": rounded(now.best),
-            "mean": rounded(now.mean),
-            "sd": rounded(now.sd),
+            "best": rounded(now.fitness_max),
+            "mean": rounded(now.fitness_mean),
+            "sd": rounded(now.fitness_sd),
             "best_change": rounded(state.best_change),
-            "best_change_share": _share(state.best_change, now.best - state.best_change),
+            "best_change_share": _share(state.best_change, now.fitness_max - state.best_change),
             "mean_change": rounded(state.mean_change),
             "best_trend": rounded(state.best_trend),
             "mean_trend": rounded(state.mean_trend),
@@ -115,8 +115,8 @@ def _line(
     rate = {} if "mutation_rate" in without else {"mutation_rate": _three(s.rate)}
     return {
         "generation": s.generation,
-        "best": rounded(s.best),
-        "mean": rounded(s.mean),
+        "best": rounded(s.fitness_max),
+        "mean": rounded(s.fitness_mean),
         "diversity": _three(s.diversity),
         "working": _three(s.working),
         **{name: s.tiers[name] for name in milestones},

@@ -11,8 +11,8 @@ from threading import Event, Thread
 from time import time
 from typing import Final, Literal, Self
 
-from islandgp.records.files import validation_mean
 from islandgp.records.folder import RunFolder, Status
+from islandgp.records.values import validation_mean
 from islandgp.running.progress import duration
 from islandgp.sweep.folder import SweepJob
 from islandgp.text import in_points, title

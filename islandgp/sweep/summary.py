@@ -14,19 +14,14 @@ from pathlib import Path
 from statistics import fmean, median, stdev
 from typing import Any, Final
 
-from islandgp.records.files import fallback_words, validation_mean
 from islandgp.records.folder import Status
 from islandgp.records.parameters import TASK
+from islandgp.records.values import fallback_words, validation_mean
 from islandgp.sweep.folder import SweepFile, SweepFolder, SweepJob
 from islandgp.text import in_points, title
 
-MEASURES: Final = {
-    "fitness max": "best",
-    "fitness mean": "mean",
-    "diversity": "diversity",
-    "mutation rate": "rate",
-}
-"""The names of curves, and their numbers in a snapshot."""
+MEASURES: Final = ("fitness_max", "fitness_mean", "diversity", "rate")
+"""The figures with curves."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -103,9 +98,8 @@ def milestones(summaries: Sequence[dict[str, Any]]) -> tuple[str, ...]:
 
 def _measured(snapshot: dict[str, Any], tiers: Sequence[str]) -> dict[str, float]:
     """A generation's measures by name: MEASURES, and how many individuals reach each tier."""
-    measures = {name: float(snapshot[key]) for name, key in MEASURES.items()}
-    reached = {f"{title(t).lower()} robots": float(snapshot["tiers"].get(t, 0)) for t in tiers}
-    return measures | reached
+    measures = {name: float(snapshot[name]) for name in MEASURES}
+    return measures | {f"tiers.{t}": float(snapshot["tiers"].get(t, 0)) for t in tiers}
 
 
 def _curve(name: str, columns: list[list[float]]) -> Curve:

@@ -10,8 +10,9 @@ from typing import Any, Final
 from islandgp.bt.core.language import parse
 from islandgp.bt.export.render import to_svg
 from islandgp.gate import check_folder, read_text
-from islandgp.records.files import LONG, PAGE, RunMetadata, fallback_words, validation_mean
+from islandgp.records.files import LONG, PAGE, RunMetadata
 from islandgp.records.folder import RunFolder, Status
+from islandgp.records.values import fallback_words, validation_mean
 from islandgp.text import in_points, title
 from islandgp.viewer.run_page import embedded_replay
 

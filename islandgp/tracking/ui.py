@@ -79,7 +79,7 @@ def _view(tiers: list[str], *tags: str) -> dict[str, Any]:
     return {
         **view["state"],
         "groupBy": {**view["state"]["groupBy"], "groupByKeys": keys},
-        "selectedColumns": [*view["columns"], *(f"metrics.`run/first_{tier}`" for tier in tiers)],
+        "selectedColumns": [*view["columns"], *(f"metrics.`run/first.{tier}`" for tier in tiers)],
         "compareRunCharts": [
             {**view["chart"], "uuid": name, "metricKey": name, "selectedMetricKeys": [name]}
             for name in charts

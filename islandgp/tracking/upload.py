@@ -20,10 +20,11 @@ from filelock import FileLock
 from islandgp.errors import RunError, TrackingError
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import flat
+from islandgp.records.values import generation_values, metric_values, run_values
 from islandgp.scoring.constraints import recorded_constraints
 from islandgp.sweep.folder import arm_of
 from islandgp.tracking.artifacts import Artifact, artifacts, note
-from islandgp.tracking.metrics import final_metrics, metrics, summary_metrics
+from islandgp.tracking.metrics import final_metrics
 from islandgp.tracking.parent import parent_run
 from islandgp.tracking.store import ARM, LOCK, POINTS, SENT, Store, points, run_key
 from islandgp.viewer.page_file import write_page
@@ -31,7 +32,7 @@ from islandgp.viewer.page_file import write_page
 if TYPE_CHECKING:
     from mlflow.entities import Metric
 
-MARKER_METRIC: Final = "fitness/max"  # a metric that every generation has
+MARKER_METRIC: Final = "fitness_max"  # a metric that every generation has
 
 
 class RunUploader:
@@ -138,7 +139,7 @@ class RunUploader:
         pairs = zip(self.folder.records(first), self.folder.costs(first), strict=False)
         step, constraints = first, recorded_constraints(self.folder.configuration())
         for record, cost in islice(pairs, end - first):
-            values = metrics(record, cost, constraints)
+            values = metric_values(generation_values(record, cost, constraints))
             if len(batch) + len(values) > POINTS:
                 break
             batch += points(values, cost["at"], step)
@@ -166,7 +167,8 @@ class RunUploader:
         if status is Status.FINISHED and self._next:
             numbers = dict(final_metrics(self.folder.records()))
             if self.folder.finished():
-                numbers |= summary_metrics(self.folder.summary())
+                figures = metric_values(run_values(self.folder.summary()))
+                numbers |= {f"run/{name}": value for name, value in figures.items()}
             self.store.log_metrics(self._run, points(numbers, end_time, self._next - 1))
 
     def _end_time(self) -> int:

@@ -61,7 +61,7 @@ class RunCurves:
         self.episodes.append(before + cost["episodes"])
         self.best.append(best["fitness"])
         self.top.append(self.fittest["fitness"])
-        self.mean.append(snapshot["mean"])
+        self.mean.append(snapshot["fitness_mean"])
         self.reached.update(name for name, n in snapshot["tiers"].items() if n)
         for i in everyone:
             self.earned.update(name for name, points in i["components"].items() if points > 0)

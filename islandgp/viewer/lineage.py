@@ -19,8 +19,8 @@ from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import Node, size
 from islandgp.bt.export.render import label
 from islandgp.gate import opened
+from islandgp.records.files import generation_lines
 from islandgp.records.folder import RunFolder
-from islandgp.records.lines import generation_lines
 from islandgp.text import in_points
 
 MAX_INDIVIDUALS: Final = 5_000  # most individuals of a chain that are read

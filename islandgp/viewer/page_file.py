@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable
+from pathlib import Path
 from time import time
 
 from islandgp.atomic_files import reading, remove_leftovers, usable, write_atomic
@@ -11,7 +12,6 @@ from islandgp.errors import brief
 from islandgp.evaluation.base import Problem
 from islandgp.records.files import PAGE
 from islandgp.records.folder import RunFolder, Status
-from islandgp.records.lines import stamp
 from islandgp.records.manifest import NAME as MANIFEST
 from islandgp.records.manifest import add_to_manifest
 from islandgp.viewer.champion import champion_replay
@@ -39,15 +39,19 @@ def write_page(
     """
     summary = folder.path / "summary.json"
     with usable(folder.path), reading("the records of a run", folder.path):
-        before, now = stamp(summary), time()
+        before, now = _content(summary), time()
         replay = ""
         if status is Status.FINISHED:
             replay, now = _replay(folder, problem), summary.stat().st_mtime
         text = run_page(folder, status, curves, replay=replay, now=int(1000 * now))
-        if stamp(summary) == before:  # else the run has ended, or another one has begun
+        if _content(summary) == before:  # else the run has ended, or another one has begun
             write_atomic(folder.path / PAGE, text.encode())
             if status is Status.FINISHED:
                 add_to_manifest(folder.path, PAGE)
+
+
+def _content(file: Path) -> bytes:
+    return file.read_bytes() if file.exists() else b""
 
 
 def complete_page(

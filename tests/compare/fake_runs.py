@@ -24,9 +24,9 @@ from islandgp.gp.record import (
     record_values,
 )
 from islandgp.records.archive_file import ArchiveFile
-from islandgp.records.lines import digests, generation_lines, write_digests
 from islandgp.records.manifest import write_manifest
 from islandgp.records.parameters import flatten
+from islandgp.records.values import answers
 from tests.composed import plain
 from tests.samples import ANY, NOTHING, snapshot
 
@@ -116,7 +116,7 @@ def fake_run(
         GenerationRecord(
             snapshot=snapshot(
                 g,
-                best=fitness,
+                fitness_max=fitness,
                 epoch=max(1, -(-g // 5)),
                 stage=min(3, (max(1, -(-g // 5)) - 1) // 2),
                 complete=int(complete is not None and g >= complete),
@@ -174,12 +174,13 @@ def write_run(run: Run, folder: Path, *, finished: bool = True) -> None:
             },
             "fittest": asdict(run.champion),
             "first": {},
-            **dict.fromkeys(("final_best", "final_mean", "mean_diversity", "seconds"), 0.0),
+            **dict.fromkeys(
+                ("final_fitness_max", "final_fitness_mean", "mean_diversity", "seconds"), 0.0
+            ),
             "generations": len(run.records),
-            "records": [*digests(generation_lines(folder).whole())][-1],
+            "answers": answers(()),
+            "mostly_fallback": False,
         }
-        sums = [*digests(generation_lines(folder).whole())]
-        write_digests(folder / "generations.sha256", sums)
         end = json.dumps(summary)
         about = {
             "id": folder.name, "title": folder.name, "home": "/", "command": "", "started": 1,

@@ -211,7 +211,7 @@ def runs() -> tuple[Path, Path]:
 
 FILES: Final = (
     "generations.jsonl", "summary.json", "about.json", "config.yaml", "costs.jsonl",
-    "generations.sha256", "checkpoint.json", "checkpoint.previous.json", "best.bt",
+    "checkpoint.json", "checkpoint.previous.json", "best.bt",
 )  # fmt: skip
 
 

@@ -270,7 +270,7 @@ def test_the_line_for_a_value(case: tuple[str, tuple[Any, ...], Any], home: Path
 
 
 PLACES: Final = (
-    "about.json", "config.yaml", "generations.jsonl", "generations.sha256", "costs.jsonl",
+    "about.json", "config.yaml", "generations.jsonl", "costs.jsonl",
     "best.bt", "lineage.csv", "archive.json", "summary.json", "manifest.json", "run.html",
     "error.txt", ".lock", ".tracking.lock", "transcript.jsonl",
 )  # fmt: skip

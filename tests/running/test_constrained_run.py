@@ -17,9 +17,9 @@ from islandgp.compare.comparable import compare_arms
 from islandgp.compare.runs import find, read
 from islandgp.compare.tables import arms_table, unseen_table
 from islandgp.records.folder import RunFolder
+from islandgp.records.values import generation_values, metric_values
 from islandgp.running.report import report
 from islandgp.scoring.constraints import recorded_constraints, violation
-from islandgp.tracking.metrics import metrics
 from tests.tracking.test_metrics import COST
 
 OVERRIDES = (
@@ -54,7 +54,7 @@ def test_the_best_robot_is_feasible_before_fit(folder: RunFolder) -> None:
     assert ranking[summary["fittest"]["record"]["id"]] == max(ranking.values())
     for record in folder.records():
         best = max(record["individuals"], key=lambda i: ranking[i["id"]])
-        assert record["snapshot"]["best"] == best["fitness"]
+        assert record["snapshot"]["fitness_max"] == best["fitness"]
     assert summary["constraints"] == "distance at most 200, interactions at most 0"
     assert summary["champion"]["validation"]["violation"] == 0
     assert summary["champion"]["validation"]["feasible"] > 0
@@ -81,13 +81,13 @@ def test_metrics(folder: RunFolder) -> None:
     """The share of feasible individuals, and the components of the best one, not the fittest."""
     constraints = recorded_constraints(folder.configuration())
     for record in folder.records():
-        values = metrics(record, COST, constraints)
+        values = metric_values(generation_values(record, COST, constraints))
         assert values["constraints/violation_of_best"] == 0
         assert 0 < values["constraints/feasible"] <= 1
         assert sum(v for k, v in values.items() if k.startswith("components/")) == pytest.approx(
-            values["fitness/max"]
+            values["fitness_max"]
         )
-        assert not any(name.startswith("constraints/") for name in metrics(record, COST))
+        assert not any(name.startswith("constraints/") for name in generation_values(record, COST))
 
 
 def test_the_page(folder: RunFolder) -> None:

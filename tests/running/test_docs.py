@@ -21,11 +21,11 @@ from islandgp.running.app import main
 from islandgp.running.progress import columns
 from islandgp.running.report import report
 from islandgp.tracking.artifacts import FILES
-from islandgp.tracking.metrics import final_metrics, metrics
+from islandgp.tracking.metrics import final_metrics
 from tests.running.commands import ROOT, finish, start
 from tests.samples import CLASSES
 from tests.tracking.folders import steps
-from tests.tracking.test_metrics import COST
+from tests.tracking.test_metrics import COST, metrics
 
 PAGES = ("running", "sweeps", "results", "mlflow")
 TEXT = "\n".join((ROOT / f"docs/{page}.md").read_text(encoding="utf-8") for page in PAGES)
@@ -36,7 +36,7 @@ TINY = [
     "gp.generations=3",
     "world.episode.length=20",
 ]
-CHECKS = ("generations.sha256", "checkpoint.previous.json")
+CHECKS = ("checkpoint.previous.json",)
 MODULES = {"ray": "ray", "submitit": "submitit", "": "joblib"}
 
 
@@ -164,13 +164,12 @@ def test_the_files_of_a_run_are_all_named() -> None:
 
 def test_every_section_of_charts_is_named() -> None:
     """The table of metrics has each section, and names metrics that exist."""
-
     records = [record_values(step.record) for step in steps()]
     names = {**metrics(records[0], COST), **dict(final_metrics(records))}
     table = TEXT.partition("| section of charts |")[2].partition("\n\n")[0]
     rows = re.findall(r"^\| (`.*?`) \| (.*) \|$", table, re.MULTILINE)
     named = {name for cell, _ in rows for name in re.findall(r"`(\w+)`", cell)}
-    assert {name.partition("/")[0] for name in names} <= named
+    assert {name.partition("/")[0] for name in names if "/" in name} <= named
     for cell, text in rows:
         (section, *others) = re.findall(r"`(\w+)`", cell)
         for metric in re.findall(r"`(\w+)`", text) if not others else []:

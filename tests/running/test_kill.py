@@ -135,8 +135,8 @@ def test_ctrl_c_stops_a_run_and_the_same_command_finishes_it(tmp_path: Path) -> 
     assert code == 0, output
     (finished,) = tracked(store(tmp_path))
     assert (finished.id, finished.status) == (stopped.id, "FINISHED")
-    assert finished.points["fitness/max"][0][0] == 0
-    assert [step for step, _ in finished.points["fitness/max"]] == list(range(12))
+    assert finished.points["fitness_max"][0][0] == 0
+    assert [step for step, _ in finished.points["fitness_max"]] == list(range(12))
 
 
 def test_ctrl_c_while_modules_are_imported(tmp_path: Path) -> None:

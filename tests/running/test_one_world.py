@@ -8,8 +8,8 @@ from pathlib import Path
 
 from islandgp.compare.runs import find, read
 from islandgp.evolution.validation import Candidate, compared, validate
-from islandgp.records.files import values
 from islandgp.records.folder import RunFolder
+from islandgp.records.values import run_values
 from islandgp.results import load
 from islandgp.running.report import report, summary
 from islandgp.running.totals import totals_of
@@ -50,7 +50,7 @@ def test_an_interval_of_one_world_is_null_in_the_summary(tmp_path: Path) -> None
     assert [validation[end] for end in ("low", "high")] == [None] * 2
     none = {"name": "good tree", "mean": 0, "low": None, "high": None}
     assert validation["comparisons"] == [none]
-    assert values(folder.summary())["validation_mean"] == validation["mean"]
+    assert run_values(folder.summary())["validation_mean"] == validation["mean"]
     assert load(tmp_path).runs["validation_mean"][0] == validation["mean"]
     (run,) = find(tmp_path)
     assert read(run).validation == (123,)

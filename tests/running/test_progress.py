@@ -55,7 +55,7 @@ def test_plain_lines_where_there_is_no_terminal(capsys: pytest.CaptureFixture[st
     assert (out, title) == ("", "a title")
     assert head.split() == " ".join(columns(MILESTONES)).split()
     assert [line.split()[0] for line in lines] == [f"{g}/4" for g in range(5)]
-    assert lines[1].split()[1] == f"{all_steps[1].record.snapshot.best:,.0f}"
+    assert lines[1].split()[1] == f"{all_steps[1].record.snapshot.fitness_max:,.0f}"
 
 
 def test_a_resumed_run_shows_where_it_continues(capsys: pytest.CaptureFixture[str]) -> None:
@@ -127,7 +127,7 @@ def test_the_live_table_names_the_columns_that_it_leaves_out(
             progress.show(step)
     screen = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", terminal.getvalue())
     screen = screen.rpartition("a title")[2]
-    best = [f"{step.record.snapshot.best:,.0f}" for step in steps()]
+    best = [f"{step.record.snapshot.fitness_max:,.0f}" for step in steps()]
     assert all(f" {number} " in screen for number in best)
     hidden = fitting(columns(MILESTONES), 40)[1]
     assert f"no room for {', '.join(hidden)}" in " ".join(screen.split())

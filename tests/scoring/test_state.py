@@ -47,14 +47,14 @@ def test_trend(values: list[float], slope: float) -> None:
 )
 def test_stagnant(bests: list[float], expected: int) -> None:
     """Generations since the best ever rose by more than one percent."""
-    history = [snapshot(g, best=float(b)) for g, b in enumerate(bests)]
+    history = [snapshot(g, fitness_max=float(b)) for g, b in enumerate(bests)]
     assert stagnant(history, 0.01) == expected
 
 
 def test_a_new_stage_counts_afresh() -> None:
     """Other multipliers are another scale: a stage's first generation is never stagnant."""
     bests = [(0, 900.0), (0, 900.0), (1, 500.0), (1, 500.0), (1, 500.0), (1, 600.0), (2, 600.0)]
-    history = [snapshot(g, stage=stage, best=best) for g, (stage, best) in enumerate(bests)]
+    history = [snapshot(g, stage=stage, fitness_max=best) for g, (stage, best) in enumerate(bests)]
     stagnation = [stagnant(history[: n + 1], 0.01) for n in range(len(history))]
     assert stagnation == [0, 1, 0, 1, 2, 0, 0]
 
@@ -74,9 +74,9 @@ def test_measure() -> None:
         outcomes, labels, [3, 5, 7, 9], CLASSES, table, generation=12, rate=0.3
     )
     assert (stats.generation, stats.epoch, stats.stage, stats.rate) == (12, 3, 1, 0.3)
-    assert (stats.best, stats.mean) == (20000, 5175)
+    assert (stats.fitness_max, stats.fitness_mean) == (20000, 5175)
     # deviations -5275, -4875, -4675, 14825: sum of squares 293,227,500, a quarter is 73,306,875
-    assert stats.sd == pytest.approx(73_306_875**0.5)
+    assert stats.fitness_sd == pytest.approx(73_306_875**0.5)
     assert stats.diversity == 0.75
     assert stats.working == 0.75
     assert stats.specialists == {"patrol_only": 1, "pickup": 1, "humanoid": 1, "balanced": 1}
@@ -111,9 +111,9 @@ def test_state_of_the_first_generation() -> None:
 def test_state_after_seven_generations() -> None:
     """Changes look back one generation, trends over the window, plateaus over the whole run."""
     history = [
-        snapshot(0, best=9000.0, complete=1, excellent=1),
+        snapshot(0, fitness_max=9000.0, complete=1, excellent=1),
         *(
-            snapshot(g, best=1000.0 * g, mean=100.0 * g, diversity=0.75 - 0.0625 * g)
+            snapshot(g, fitness_max=1000.0 * g, fitness_mean=100.0 * g, diversity=0.75 - 0.0625 * g)
             for g in range(1, 7)
         ),
     ]

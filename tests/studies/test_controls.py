@@ -213,7 +213,7 @@ def test_without_a_leader_nothing_starts(
 def test_fixed() -> None:
     """`fixed` gives the same rate in every state, and injects nothing."""
     fixed = Fixed(FixedSettings(rate=0.3))
-    for history in ([snapshot(0)], [snapshot(0), snapshot(1, best=1e6, diversity=0.0)]):
+    for history in ([snapshot(0)], [snapshot(0), snapshot(1, fitness_max=1e6, diversity=0.0)]):
         guidance = fixed.advise(state_after(history), np.random.default_rng(0))
         assert (guidance.mutation_rate, guidance.tree, guidance.source) == (0.3, None, "fixed")
 

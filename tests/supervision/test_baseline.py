@@ -15,7 +15,7 @@ SETTINGS = BaselineSettings(patience=2, up=1.15, down=0.9, rates=(0.1, 0.5))
 
 def advice(bests: list[float], rate: float) -> Guidance:
     """The baseline's guidance after these generations, at this rate."""
-    history = [snapshot(g, best=best, rate=rate) for g, best in enumerate(bests)]
+    history = [snapshot(g, fitness_max=best, rate=rate) for g, best in enumerate(bests)]
     return Baseline(SETTINGS).advise(state(history), np.random.default_rng(0))
 
 
@@ -44,10 +44,10 @@ def test_rate(bests: list[float], rate: float, expected: float) -> None:
 def test_a_new_stage_is_neither_better_nor_worse() -> None:
     """Other multipliers, another scale: where a stage begins the rate stays."""
     for best in (10.0, 100.0, 1000.0):
-        history = [snapshot(9, best=100.0), snapshot(10, stage=1, best=best)]
+        history = [snapshot(9, fitness_max=100.0), snapshot(10, stage=1, fitness_max=best)]
         guidance = Baseline(SETTINGS).advise(state(history), np.random.default_rng(0))
         assert (guidance.mutation_rate, guidance.reasoning) == (0.4, "waiting")
-    longer = [*history, snapshot(11, stage=1, best=2000.0)]
+    longer = [*history, snapshot(11, stage=1, fitness_max=2000.0)]
     guidance = Baseline(SETTINGS).advise(state(longer), np.random.default_rng(0))
     assert guidance.mutation_rate == pytest.approx(0.36)
 

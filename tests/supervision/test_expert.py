@@ -107,8 +107,8 @@ PHASES = [
     ),
     # several are there
     ([snapshot(0, complete=3)], Phase.REFINEMENT),
-    ([snapshot(0, complete=3), snapshot(1, complete=3, best=1201.0)], Phase.EXPLOITATION),
-    ([snapshot(0, complete=3), snapshot(1, complete=3, best=1200.0)], Phase.REFINEMENT),
+    ([snapshot(0, complete=3), snapshot(1, complete=3, fitness_max=1201.0)], Phase.EXPLOITATION),
+    ([snapshot(0, complete=3), snapshot(1, complete=3, fitness_max=1200.0)], Phase.REFINEMENT),
     (past(6, complete=3), Phase.BALANCED_OPTIMIZATION),
 ]
 
@@ -128,8 +128,8 @@ PATTERNS = [
     (past(9, diversity=0.24), Pattern.STAGNATION),
     (past(9, diversity=0.0), Pattern.PREMATURE_CONVERGENCE),
     (past(3, complete=1), Pattern.HEALTHY_PROGRESS),
-    ([snapshot(0, complete=1), snapshot(1, best=1300.0)], Pattern.RAPID_IMPROVEMENT),
-    ([snapshot(0, complete=1), snapshot(1, best=1100.0)], Pattern.HEALTHY_PROGRESS),
+    ([snapshot(0, complete=1), snapshot(1, fitness_max=1300.0)], Pattern.RAPID_IMPROVEMENT),
+    ([snapshot(0, complete=1), snapshot(1, fitness_max=1100.0)], Pattern.HEALTHY_PROGRESS),
 ]
 
 
@@ -187,7 +187,7 @@ def lives() -> list[list[GenerationStats]]:
     ]
     flat = [[snapshot(g, stage=curriculum.stage(g), **kind) for g in range(41)] for kind in kinds]
     collapsed = [snapshot(g, complete=g == 0, diversity=0.2 if g > 20 else 0.6) for g in range(41)]
-    risen = [snapshot(g, complete=3, best=1000.0 * 2**g) for g in range(41)]
+    risen = [snapshot(g, complete=3, fitness_max=1000.0 * 2**g) for g in range(41)]
     return [*flat, collapsed, risen]
 
 
@@ -202,7 +202,7 @@ def test_every_row_can_occur_in_a_run() -> None:
 
 def test_a_new_stage_is_no_rise() -> None:
     """A best that is higher because the multipliers are is neither rapid improvement nor a rise."""
-    view = state([snapshot(9, complete=3), snapshot(10, stage=1, complete=3, best=9000.0)])
+    view = state([snapshot(9, complete=3), snapshot(10, stage=1, complete=3, fitness_max=9000.0)])
     assert classify_pattern(view, settings_of_tables()) is Pattern.HEALTHY_PROGRESS
     assert classify_phase(view, settings_of_tables()) is Phase.REFINEMENT
     assert not view.best_rose
@@ -275,7 +275,7 @@ def states(draw: st.DrawFn) -> PopulationState:
         [
             snapshot(
                 g,
-                best=draw(st.floats(-1e5, 1e5)),
+                fitness_max=draw(st.floats(-1e5, 1e5)),
                 diversity=draw(st.floats(0, 0.75)),
                 complete=draw(st.sampled_from([0, 0, 1, 2, 3, 10, 30])),
                 behaviour_counts={name: draw(counts) for name in ("pickup", "humanoid")},

@@ -206,7 +206,7 @@ def assert_sent(home: Path) -> None:
     assert not sync(home / "runs", mlflow_store.place).failed
     (run,) = tracked(mlflow_store)
     assert run.status == "FINISHED", run
-    assert [step for step, _ in run.points["fitness/max"]] == list(range(12)), run
+    assert [step for step, _ in run.points["fitness_max"]] == list(range(12)), run
 
 
 def database(lab: Lab) -> None:

@@ -102,6 +102,6 @@ def place(home: Path, experiment: str = "islandgp") -> Place:
     return Place.of(settings, home)
 
 
-def history(store: Store, run: str, name: str = "fitness/max") -> list[tuple[int, float]]:
+def history(store: Store, run: str, name: str = "fitness_max") -> list[tuple[int, float]]:
     """The points of a metric, every one of them."""
     return [(m.step, m.value) for m in store.client.get_metric_history(run, name)]

@@ -221,7 +221,7 @@ def test_two_runs_share_a_store_that_neither_finds(tmp_path: Path) -> None:
     tracked_runs = tracked(open_store(tmp_path))
     assert [run.status for run in tracked_runs] == ["FINISHED"] * 2
     for run in tracked_runs:
-        assert [step for step, _ in run.points["fitness/max"]] == list(range(6))
+        assert [step for step, _ in run.points["fitness_max"]] == list(range(6))
     assert tracked_runs[0].points == tracked_runs[1].points
 
 

@@ -6,7 +6,8 @@ from dataclasses import asdict, replace
 from typing import Any
 
 from islandgp.gp.record import GuidanceRecord, record_values
-from islandgp.tracking.metrics import final_metrics, metrics
+from islandgp.records.values import generation_values, metric_values
+from islandgp.tracking.metrics import final_metrics
 from tests.compare.fake_runs import guidance
 from tests.tracking.folders import steps
 
@@ -20,37 +21,35 @@ COST = {
 }
 
 
+def metrics(record: dict[str, Any], cost: dict[str, Any]) -> dict[str, float]:
+    """The metrics of a generation."""
+    return metric_values(generation_values(record, cost))
+
+
 def test_metrics_are_the_records_numbers() -> None:
-    """Each section's names, and values that are in the record."""
+    """The names of data frames in their sections, and values that are in the record."""
     step = steps()[2]
     s = step.record.snapshot
     best = max(step.record.individuals, key=lambda line: line.fitness)
     values = metrics(record_values(step.record), COST)
-    assert {name.partition("/")[0] for name in values} == {
-        "archive",
-        "behaviours",
+    assert {name.partition("/")[0] for name in values if "/" in name} == {
+        "behaviour_counts",
         "components",
         "cost",
         "counters",
-        "diversity",
-        "fitness",
-        "size",
         "specialists",
-        "supervisor",
         "tiers",
     }
-    assert values["fitness/max"] == s.best
-    assert values["fitness/mean"] == s.mean
-    assert values["diversity/behavioral"] == s.diversity
-    assert values["diversity/working"] == s.working
+    for name in ("fitness_max", "fitness_mean", "diversity", "working", "rate"):
+        assert values[name] == getattr(s, name)
     assert values["tiers/complete"] == s.tiers["complete"]
     assert values["specialists/patrol_only"] == s.specialists["patrol_only"]
     assert values["components/garbage"] == best.components["garbage"]
-    assert values["behaviours/charging"] == s.behaviour_counts["charging"]
+    assert values["behaviour_counts/charging"] == s.behaviour_counts["charging"]
     assert values["counters/distance"] == s.counters["distance"]
-    assert values["size/best"] == best.nodes
-    assert values["supervisor/mutation_rate"] == s.rate
-    assert values["cost/evaluation_s"] == 1.5
+    assert values["size_of_best"] == best.nodes
+    assert values["cost/evaluation"] == 1.5
+    assert values["episodes"] == 8
     assert values["cost/cache_hits"] == 2
 
 
@@ -62,20 +61,12 @@ def test_costs_of_a_supervisor_have_a_section() -> None:
     assert (values["llm/calls"], values["llm/cost_usd"]) == (2, 0.5)
 
 
-def test_the_last_generation_has_the_same_metrics_without_guidance() -> None:
-    """After the last generation nobody is asked; the names do not change."""
-    first, *_, last = (metrics(record_values(step.record), COST) for step in steps())
-    assert first.keys() == last.keys()
-    assert last["supervisor/crisis"] == 0
-
-
 def record(generation: int, best: float, complete: int, answer: GuidanceRecord | None) -> Any:
     """A generation's line, as far as it matters for the whole run."""
     return {
         "snapshot": {
             "generation": generation,
-            "best": best,
-            "diversity": 0.25 * generation,
+            "fitness_max": best,
             "tiers": {"complete": complete, "excellent": 0},
         },
         "guidance": None if answer is None else asdict(answer),
@@ -83,7 +74,7 @@ def record(generation: int, best: float, complete: int, answer: GuidanceRecord |
 
 
 def test_metrics_of_a_whole_run() -> None:
-    """Mean diversity, the first generation of a tier, shares of decisions."""
+    """Shares of decisions."""
     fallback = guidance(source="llm and fallback", phase="exploitation", crisis="diversity")
     records = [
         record(0, -5.0, 0, guidance(source="llm", phase="refinement", pattern="stagnation")),
@@ -93,8 +84,6 @@ def test_metrics_of_a_whole_run() -> None:
         record(4, 8.0, 0, None),
     ]
     assert dict(final_metrics(records)) == {
-        "run/mean_diversity": 0.5,
-        "run/first_complete": 1,
         "phases/refinement": 0.25,
         "phases/exploitation": 0.5,
         "patterns/stagnation": 0.25,

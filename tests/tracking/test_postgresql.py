@@ -121,6 +121,6 @@ def test_four_processes_at_once(server: str, tmp_path: Path) -> None:
     assert sorted(run.data.tags["seed"] for run in runs) == ["0", "1", "2", "3"]
     for run in runs:
         assert run.info.status == "FINISHED"
-        for name in ("fitness/max", "fitness/mean"):
+        for name in ("fitness_max", "fitness_mean"):
             points = client.get_metric_history(run.info.run_id, name)
             assert [point.step for point in points] == list(range(GENERATIONS)), (run, name)

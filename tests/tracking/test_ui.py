@@ -55,7 +55,7 @@ def test_the_view_of_the_arms_is_kept_in_the_store(store: Store) -> None:
     tags = store.client.get_experiment(store.experiment).tags
     state = json.loads(tags["mlflow.sharedViewState.arms"])
     assert state["groupBy"]["groupByKeys"] == [{"mode": "tag", "groupByData": ARM}]
-    assert "fitness/max" in {chart["metricKey"] for chart in state["compareRunCharts"]}
+    assert "fitness_max" in {chart["metricKey"] for chart in state["compareRunCharts"]}
     assert len(tags["mlflow.sharedViewState.arms"]) < 5000  # MLflow's limit of a tag
 
 

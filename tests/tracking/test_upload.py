@@ -18,7 +18,7 @@ from tests.tracking.folders import begun, closed_run, history, place, steps
 
 def maxima(generations: int) -> list[tuple[int, float]]:
     """Generation and best fitness, as MLflow should have them."""
-    return [(i, step.record.snapshot.best) for i, step in enumerate(steps()[:generations])]
+    return [(i, step.record.snapshot.fitness_max) for i, step in enumerate(steps()[:generations])]
 
 
 def run_of(store: Store, folder: RunFolder) -> Run:

@@ -217,8 +217,8 @@ def _decision(past: PastDecision, context: RunContext) -> str:
     new = "; a new stage" if before.stage != after.stage else ""
     return (
         f"- for generation {after.generation}{by}: {', '.join(parts) or 'nothing'}. Best"
-        f" {in_points(before.best)} -> {in_points(after.best)}, mean"
-        f" {in_points(before.mean)} -> {in_points(after.mean)};"
+        f" {in_points(before.fitness_max)} -> {in_points(after.fitness_max)}, mean"
+        f" {in_points(before.fitness_mean)} -> {in_points(after.fitness_mean)};"
         f" {milestones}; diversity {before.diversity:.2f} -> {after.diversity:.2f}{new}"
     )
 

@@ -240,7 +240,8 @@ def progress(state: PopulationState) -> str:
     """The generation, and how fitness and diversity have changed in it, in one line."""
     now = state.now
     return (
-        f"Generation {now.generation} of {state.generations}: best fitness {in_points(now.best)}"
-        f" ({in_points(state.best_change, '+')}), mean {in_points(now.mean)}"
-        f" ({in_points(state.mean_change, '+')}), diversity {now.diversity:.2f}."
+        f"Generation {now.generation} of {state.generations}: best fitness"
+        f" {in_points(now.fitness_max)} ({in_points(state.best_change, '+')}), mean"
+        f" {in_points(now.fitness_mean)} ({in_points(state.mean_change, '+')}),"
+        f" diversity {now.diversity:.2f}."
     )

@@ -1,0 +1,169 @@
+"""The figures of a run and of its generations: one table and one name for all readers.
+
+The name is the key in the records, the column in data frames and the metric in MLflow, where the
+first dot is a slash, as MLflow groups charts by it. `columns.yaml` describes them.
+"""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from operator import itemgetter
+from typing import Any, Final
+
+from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, merit, violation
+
+
+def validation_mean(summary: Mapping[str, Any]) -> float | None:
+    """Mean fitness of a run's best robot in validation worlds, points; None: not validated."""
+    validation = summary["champion"]["validation"]
+    return None if validation is None else float(validation["mean"])
+
+
+RUN: Final[Mapping[str, Callable[[Mapping[str, Any]], Any]]] = {
+    "validation_mean": validation_mean,
+    "champion_fitness": lambda summary: summary["champion"]["record"]["fitness"],
+    "fitness_max": lambda summary: summary["fittest"]["record"]["fitness"],
+    **{
+        name: itemgetter(name)
+        for name in (
+            *("generations", "final_fitness_max", "final_fitness_mean", "mean_diversity"),
+            "seconds",
+        )
+    },
+}
+"""The figures of every run, from its summary."""
+
+
+def run_values(summary: Mapping[str, Any]) -> dict[str, Any]:
+    """The figures of a finished run.
+
+    `validation_mean` is None without validation, `first.<milestone>` without such a robot. With
+    constraints, `violation` is that of the counters' means in validation worlds, `feasible` the
+    share of these worlds in which all are kept.
+    """
+    validation = summary["champion"]["validation"] or {}
+    kept = {name: validation.get(name) for name in ("violation", "feasible")}
+    return {
+        **{name: of(summary) for name, of in RUN.items()},
+        **_nested(summary, "first"),
+        **{f"constraints.{name}": value for name, value in kept.items() if value is not None},
+    }
+
+
+GUIDANCE: Final = ("source", "phase", "pattern", "target", "crisis", "intervention", "injected")
+"""Fields of the guidance after a generation; None without one."""
+
+
+def generation_values(
+    record: Mapping[str, Any], cost: Mapping[str, Any], constraints: Constraints = NO_CONSTRAINTS
+) -> dict[str, Any]:
+    """The figures of a generation, from its lines in generations.jsonl and costs.jsonl.
+
+    `cost` may be empty, as a run that was killed may lack the last line.
+    """
+    snapshot, guidance, everyone = (
+        record["snapshot"],
+        record["guidance"] or {},
+        record["individuals"],
+    )
+    violations = [violation(i["counters"], constraints) for i in everyone]
+    least, best = max(
+        zip(violations, everyone, strict=True), key=lambda p: merit(p[1]["fitness"], p[0])
+    )
+    limits = {"feasible": violations.count(0.0) / len(violations), "violation_of_best": least}
+    return {
+        **{name: value for name, value in snapshot.items() if not isinstance(value, dict)},
+        "size_of_best": best["nodes"],
+        "stagnant_generations": record["stagnant_generations"],
+        **{name: guidance.get(name) for name in GUIDANCE},
+        **{name: record["archive"][name] for name in ("coverage", "qd_score")},
+        **dict(_costs(cost)),
+        **_nested(best, "components"),
+        **_nested(snapshot, "tiers", "specialists", "behaviour_counts", "counters"),
+        **dict(_edits(guidance.get("edits", ()), record.get("trials", ()))),
+        **({f"constraints.{name}": v for name, v in limits.items()} if constraints else {}),
+    }
+
+
+def individual_values(
+    individual: Mapping[str, Any], constraints: Constraints = NO_CONSTRAINTS
+) -> dict[str, Any]:
+    """The figures of an individual, from its record."""
+    plain = ("id", "origin", "mutation", "fitness", "specialist", "nodes", "depth", "tree")
+    limits = {"constraints.violation": violation(individual["counters"], constraints)}
+    return {
+        **{name: individual[name] for name in plain},
+        "parents": " ".join(individual["parents"]),
+        "best_tier": individual["tiers"][0] if individual["tiers"] else "",
+        "ending": " ".join(individual["endings"]),
+        **_nested(individual, "components", "counters"),
+        **(limits if constraints else {}),
+    }
+
+
+def _costs(cost: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
+    """`episodes`, other costs as `cost.NAME`, and those of a language model as `llm.NAME`."""
+    for name, value in cost.items():
+        if name == "llm":
+            yield from _nested(cost, "llm").items()
+        elif name != "at":
+            yield name if name == "episodes" else f"cost.{name}", value
+    if cost:
+        cached = cost["episodes"] - cost.get("outside_training", 0) - cost["simulated"]
+        yield "cost.cache_hits", cached
+
+
+def _edits(
+    advised: Iterable[Mapping[str, Any]], trials: Iterable[Mapping[str, Any]]
+) -> Iterator[tuple[str, int]]:
+    """Edits advised after a generation, and results of those before it; none if there are none."""
+    refused = [bool(edit["refused"]) for edit in advised]
+    better = [trial["fitness"] > trial["parent_fitness"] for trial in trials]
+    if refused or better:
+        yield "edits.advised", len(refused)
+        yield "edits.refused", sum(refused)
+        yield "edits.evaluated", len(better)
+        yield "edits.better", sum(better)
+
+
+def _nested(record: Mapping[str, Any], *groups: str) -> dict[str, Any]:
+    """The values of nested mappings, by dotted names."""
+    return {f"{group}.{name}": v for group in groups for name, v in record[group].items()}
+
+
+def metric_values(values: Mapping[str, Any]) -> dict[str, float]:
+    """The figures that are numbers or truth values, by MLflow's names."""
+    return {
+        name.replace(".", "/", 1): float(value)
+        for name, value in values.items()
+        if isinstance(value, int | float) and name != "generation"
+    }
+
+
+def answers(decisions: Iterable[Mapping[str, Any]]) -> dict[str, int]:
+    """The numbers of decisions: total, by the fallback, and `in_part` by the fallback.
+
+    `decisions`: the `source` and `asked_at` of each guidance.
+    """
+    sources = Counter(d["source"] for d in decisions if d["asked_at"] is not None)
+    fallback = sum(n for source, n in sources.items() if "fallback" in source)
+    in_part = fallback - sources["fallback"]
+    return {"total": sources.total(), "fallback": fallback, "in_part": in_part}
+
+
+def fallback_share(sources: Mapping[str, int]) -> float:
+    """The fallback's share of the decisions that `answers` counts; a part counts half."""
+    total = sources.get("total", 0)
+    return (sources["fallback"] - sources["in_part"] / 2) / total if total else 0.0
+
+
+def fallback_words(summaries: Iterable[Mapping[str, Any]]) -> str:
+    """The fallback's share of several runs' decisions, as text; "" if it made none."""
+    counts: Counter[str] = Counter()
+    for summary in summaries:
+        counts.update(summary["answers"])
+    if not counts["fallback"]:
+        return ""
+    part = f", {counts['in_part']:,} of them in part" if counts["in_part"] else ""
+    return f"{counts['fallback']:,} of {counts['total']:,}{part}"
