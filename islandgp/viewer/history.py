@@ -28,9 +28,9 @@ class RunCurves:
     generations: int = 0
     individuals: int = 0  # of the last generation
     episodes: array[float] = field(default_factory=_floats)  # since the start
-    best: array[float] = field(default_factory=_floats)  # points
+    fitness_max: array[float] = field(default_factory=_floats)  # points
     top: array[float] = field(default_factory=_floats)  # highest so far in the stage, points
-    mean: array[float] = field(default_factory=_floats)  # points
+    fitness_mean: array[float] = field(default_factory=_floats)  # points
     coverage: array[float] = field(default_factory=_floats)  # of the archive; 0 without one
     qd_score: array[float] = field(default_factory=_floats)
     tiers: dict[str, array[float]] = field(default_factory=dict)  # share of individuals, best first
@@ -59,9 +59,9 @@ class RunCurves:
         archive = record["archive"]
         before = self.episodes[-1] if self.episodes else 0.0
         self.episodes.append(before + cost["episodes"])
-        self.best.append(best["fitness"])
+        self.fitness_max.append(best["fitness"])
         self.top.append(self.fittest["fitness"])
-        self.mean.append(snapshot["fitness_mean"])
+        self.fitness_mean.append(snapshot["fitness_mean"])
         self.reached.update(name for name, n in snapshot["tiers"].items() if n)
         for i in everyone:
             self.earned.update(name for name, points in i["components"].items() if points > 0)
@@ -134,7 +134,7 @@ def read_history(folder: RunFolder) -> RunCurves:
 
 
 def thinned(history: RunCurves, points: int = POINTS) -> dict[str, Any]:
-    """The curves with at most `points` points; `best` keeps the maximum of neighbours."""
+    """The curves with at most `points` points; `fitness_max` keeps the maximum of neighbours."""
     places = list(_parts(history.generations, points))
 
     def last(values: Sequence[float]) -> list[float]:
@@ -149,9 +149,9 @@ def thinned(history: RunCurves, points: int = POINTS) -> dict[str, Any]:
     return {
         "generation": [end - 1 for _, end in places],
         "episodes": last(history.episodes),
-        "best": over(history.best, max),
+        "fitness_max": over(history.fitness_max, max),
         "top": last(history.top),
-        "mean": over(history.mean, average),
+        "fitness_mean": over(history.fitness_mean, average),
         "coverage": last(history.coverage),
         "qd_score": last(history.qd_score),
         "tiers": {name: over(shares, average) for name, shares in history.tiers.items()},

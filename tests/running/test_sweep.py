@@ -228,7 +228,7 @@ def test_a_sweep_over_decimals_keeps_its_arms(
     assert [run.parent for run in children] == [parent.id] * 4
     assert sorted(run.tags[ARM] for run in children) == sorted([*file.arms()] * 2)
     for rate in ("0.1", "0.3"):
-        assert f"sweep/baseline gp.mutation_rate_{rate} fitness max mean" in parent.points
+        assert f"sweep/baseline gp.mutation_rate_{rate} fitness_max mean" in parent.points
 
 
 def test_a_sweep_keeps_no_configuration_of_a_job_that_is_over(

@@ -179,8 +179,10 @@ def test_a_finished_sweep_is_described(home: Path, store: Store) -> None:
     note = run.data.tags["mlflow.note.content"]
     assert "| baseline | 2 of 2 |" in note
     assert "    python -m islandgp -m" in note
-    firsts = [next(sweep.run(entry).records())["snapshot"]["best"] for entry in file_of(sweep).jobs]
-    points = store.client.get_metric_history(parent, "sweep/baseline fitness max mean")
+    firsts = [
+        next(sweep.run(entry).records())["snapshot"]["fitness_max"] for entry in file_of(sweep).jobs
+    ]
+    points = store.client.get_metric_history(parent, "sweep/baseline fitness_max mean")
     assert [m.step for m in points] == [0, 1, 2, 3, 4]
     assert points[0].value == pytest.approx(sum(firsts) / 2)
     assert run.data.params["seed"] == "1, 2"

@@ -67,7 +67,7 @@ def test_the_view_has_a_chart_for_each_milestone_of_the_runs(home: Path, store: 
     state = json.loads(text)
     charts = [chart["metricKey"] for chart in state["compareRunCharts"]]
     assert charts[2:4] == ["tiers/complete", "tiers/excellent"]
-    firsts = ["metrics.`run/first_complete`", "metrics.`run/first_excellent`"]
+    firsts = ["metrics.`run/first.complete`", "metrics.`run/first.excellent`"]
     assert state["selectedColumns"][-2:] == firsts
     assert len(text) < 5000
 

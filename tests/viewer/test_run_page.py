@@ -125,13 +125,13 @@ def test_curves_are_the_records(finished: RunFolder, page: Parsed) -> None:
     """Fitness, tiers, coverage and QD score against episodes, and where stages begin."""
     records, curves = list(finished.records()), page.data["curves"]
     assert curves["episodes"] == [12 * (g + 1) for g in range(8)]
-    assert curves["best"] == [r["snapshot"]["best"] for r in records]
-    assert curves["mean"] == [r["snapshot"]["mean"] for r in records]
+    assert curves["fitness_max"] == [r["snapshot"]["fitness_max"] for r in records]
+    assert curves["fitness_mean"] == [r["snapshot"]["fitness_mean"] for r in records]
     assert curves["coverage"] == [r["archive"]["coverage"] for r in records]
     assert curves["qd_score"] == [r["archive"]["qd_score"] for r in records]
     assert curves["tiers"]["complete"] == [r["snapshot"]["tiers"]["complete"] / 12 for r in records]
     assert curves["stages"] == [[12.0, 1]]
-    assert curves["top"] == [max(curves["best"][: g + 1]) for g in range(8)]
+    assert curves["top"] == [max(curves["fitness_max"][: g + 1]) for g in range(8)]
 
 
 def test_the_highest_so_far_begins_again_with_a_stage() -> None:
@@ -140,7 +140,7 @@ def test_the_highest_so_far_begins_again_with_a_stage() -> None:
     cost = {"episodes": 1, "evaluation": 0, "supervision": 0, "operators": 0}
     for stage, best in ((0, 5.0), (0, 3.0), (1, 2.0), (1, 4.0)):
         record = {
-            "snapshot": {"stage": stage, "mean": 0.0, "tiers": {}},
+            "snapshot": {"stage": stage, "fitness_mean": 0.0, "tiers": {}},
             "individuals": [{"fitness": best, "components": {}, "counters": {}}],
             "archive": {"coverage": 0.0, "qd_score": 0.0},
         }
@@ -281,7 +281,7 @@ def test_a_long_run_has_a_page_of_some_size(tmp_path: Path, monkeypatch: Any) ->
     curves = thinned(history)
     assert {len(curves[name]) for name in ("episodes", "best", "top", "mean", "coverage")} == {300}
     assert curves["episodes"][-1] == 96 + 2_000
-    assert max(curves["best"]) == max(history.best)
+    assert max(curves["fitness_max"]) == max(history.fitness_max)
     folder = closed_run(tmp_path / "many")
     trees = ["PatrolWaypoint\n" + "# " + "x" * 500 for _ in range(6**4)]
     elites = tuple(
@@ -385,8 +385,10 @@ def test_the_tree_has_its_explanation(tmp_path: Path) -> None:
     """Each node has its share of worlds, its points, and what is lost without it."""
     folder = closed_run(tmp_path / "run")
     summary = folder.summary()
-    usage = {"worlds": 0.5, "points": 1234.0, "loss": {"mean": 7.0, "low": -1.0, "high": 15.0}}
-    idle = {"worlds": 0.0, "points": 0.0, "loss": None}
+    ticks = dict.fromkeys(("ticks", "successes", "failures", "aborts"), 1.0)
+    loss = {"mean": 7.0, "low": -1.0, "high": 15.0}
+    usage = {**ticks, "worlds": 0.5, "points": 1234.0, "loss": loss}
+    idle = {**ticks, "worlds": 0.0, "points": 0.0, "loss": None}
     summary["champion"].update(
         tree="sequence { PatrolWaypoint MoveToGarbage }\n", usage=[usage, idle, usage]
     )
