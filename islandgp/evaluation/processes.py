@@ -14,6 +14,7 @@ from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, wait
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
+from errno import ENOSPC
 from math import inf
 from multiprocessing import resource_tracker
 from threading import Thread
@@ -161,14 +162,26 @@ class Processes:
         raise AssertionError
 
     def _submitted(self, job: Job) -> Future[Outcome]:
-        """Submits a job; starts the pool if there is none. Raises BrokenProcessPool."""
+        """Submits a job; starts the pool if there is none.
+
+        Raises:
+            BrokenProcessPool: a worker died.
+            EvaluationError: the workers cannot be started.
+        """
         if self._pool is None:
-            with _signals_held():
-                arguments = (self.problem, self.episode_timeout, os.getpid())
-                self._pool = ProcessPoolExecutor(
-                    self.workers, initializer=_start, initargs=arguments
-                )
-                self._pool.submit(os.getpid)  # which starts the workers
+            try:
+                with _signals_held():
+                    arguments = (self.problem, self.episode_timeout, os.getpid())
+                    self._pool = ProcessPoolExecutor(
+                        self.workers, initializer=_start, initargs=arguments
+                    )
+                    self._pool.submit(os.getpid)  # which starts the workers
+            except OSError as error:
+                place = " in /dev/shm" if error.errno == ENOSPC else ""  # of semaphores on Linux
+                raise EvaluationError(
+                    f"Expected to start {self.workers} worker processes, found:"
+                    f" {error.strerror or error}{place}; correct that, or use evaluator=serial."
+                ) from error
         future: Future[Outcome] = self._pool.submit(_run, job)
         return future
 
