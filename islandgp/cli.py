@@ -107,6 +107,22 @@ def _added_command(name: str) -> click.Command | None:
     )
 
 
+MEANT: Final = {
+    "run": ("evolve", "train", "optimize", "optimise", "resume", "start", "sweep"),
+    "compare": ("plot", "report", "stats", "analyze", "analyse"),
+    "best": ("results", "result", "winner", "champion"),
+    "play": ("evaluate", "eval", "simulate", "test"),
+    "replay": ("view", "visualize", "visualise", "video", "animate"),
+    "show": ("draw", "print", "cat"),
+    "check": ("lint", "validate"),
+    "fmt": ("format",),
+    "new": ("init", "create"),
+    "export": ("convert", "save"),
+    "ui": ("mlflow", "dashboard"),
+}
+"""Words for which there is a command of another name."""
+
+
 class Lazy(click.Group):
     """Imports a subcommand when it is used, so `--help` is fast."""
 
@@ -132,7 +148,8 @@ class Lazy(click.Group):
         """The subcommand in `args`. Raises click.UsageError with the nearest name."""
         word = args[0]
         if word not in COMMANDS and not word.startswith("-") and word not in of_distributions():
-            near = get_close_matches(word, self.list_commands(ctx), 1, 0.5)
+            near = [name for name, words in MEANT.items() if word in words]
+            near = near or get_close_matches(word, self.list_commands(ctx), 1, 0.5)
             hint = f"; did you mean {near[0]}?" if near else ""
             raise click.UsageError(f"expected a command, found {word!r}{hint}", ctx)
         return super().resolve_command(ctx, args)
@@ -205,6 +222,9 @@ def one_line(error: click.ClickException) -> str:
         near = get_close_matches(error.option_name, error.possibilities or (), 1, 0)
         text = f"expected another option, found {error.option_name}"
         remedy = f"did you mean {near[0]}?" if near else remedy
+        if not command and error.option_name.startswith("--"):
+            name = error.option_name.lstrip("-")
+            remedy = f"settings are written as KEY=VALUE: islandgp run {name}=..."
     text = re.sub(r"[^\s']{300,}", lambda word: f"{word[0][:100]}...", text)
     text = re.sub("(?<= is not in the range ).+", lambda match: range_in_words(match[0]), text)
     for pattern, form in ERRORS:

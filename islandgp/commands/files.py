@@ -15,16 +15,20 @@ from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import IslandError
+from islandgp.gate import check_file
 from islandgp.text_files import MAX_BYTES, decoded, read_text_file
 
 STDIN: Final = "-"
 
 
 class _Input(click.Path):
-    """A file to read. `-`, the standard input, can be read once only."""
+    """A file to read, or a run's folder: its best tree. `-`, the standard input, is read once."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """The path, as from `click.Path`. Raises click.UsageError for a second `-`."""
+        if (best := Path(os.fsdecode(value)) / "best.bt").is_file():
+            check_file(best)
+            value = str(best)
         path = super().convert(value, param, ctx)
         if path == STDIN and ctx is not None:
             if _STDIN_USED in ctx.meta:

@@ -34,6 +34,12 @@ def test_each_help_ends_with_an_example_that_the_command_takes(
     ("arguments", "line"),
     [
         (["chek", "a.bt"], "islandgp: expected a command, found 'chek'; did you mean check?"),
+        (["evolve"], "islandgp: expected a command, found 'evolve'; did you mean run?"),
+        (
+            ["--seed", "3"],
+            "islandgp: expected another option, found --seed; settings are written as KEY=VALUE:"
+            " islandgp run seed=...",
+        ),
         (["zzz"], "islandgp: expected a command, found 'zzz'; `islandgp -h` shows what it takes"),
         (
             ["play"],

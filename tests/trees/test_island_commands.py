@@ -48,6 +48,18 @@ def test_a_number_for_a_group_is_refused(islandgp: Cli) -> None:
     )
 
 
+def test_a_run_folder_is_its_best_tree(islandgp: Cli, tmp_path: Path) -> None:
+    """A folder with a best.bt can be given in place of a tree; a link there is refused."""
+    (tmp_path / "best.bt").write_text("domain island\n\nPatrolWaypoint\n", encoding="utf-8")
+    assert "1 node," in islandgp("check", str(tmp_path)).out
+    linked = tmp_path / "linked"
+    linked.mkdir()
+    (linked / "best.bt").symlink_to(tmp_path / "best.bt")
+    refused = islandgp("check", str(linked))
+    assert refused.code == 2
+    assert "link" in refused.err
+
+
 def test_play_is_the_same_on_processes(islandgp: Cli) -> None:
     """Four worlds or more go to worker processes; the first three come out as before."""
     short_rows = json.loads(islandgp("play", GOOD, "--seeds", 3, "--json", *SHORT).out)
