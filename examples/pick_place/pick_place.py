@@ -10,11 +10,11 @@ from pydantic import BaseModel, Field
 from islandgp.domain import (
     Action,
     Event,
-    Form,
     Scene,
     Schema,
+    Shape,
+    ShapeStyle,
     SimulatorDomain,
-    Thing,
     Vocabulary,
     flag,
     integer,
@@ -63,9 +63,9 @@ SCHEMA = Schema(
     task="A mobile robot with an arm carries blocks from one table to another. Skills may fail.",
     endings={"task done": "all blocks are placed", "time": "its ticks were over"},
     habits=("Check what has been reached before acting.", "Tuck the arm before driving."),
-    forms={
-        "robot": Form("robot", "R", "triangle", "#1a73e8"),
-        "table": Form("table with its blocks", "T", "square", "#8d6e63"),
+    styles={
+        "robot": ShapeStyle("robot", "R", "triangle", "#1a73e8"),
+        "table": ShapeStyle("table with its blocks", "T", "square", "#8d6e63"),
     },
 )
 
@@ -121,8 +121,8 @@ class Robot:
 
     def scene(self):
         blocks = {"pick": self.world.blocks - self.placed - self.have_block, "place": self.placed}
-        tables = (Thing("table", *TABLES[name], 0.8, str(n)) for name, n in blocks.items())
-        robot = Thing("robot", *TABLES[self.at], 0.4, "block" if self.have_block else "")
+        tables = (Shape("table", *TABLES[name], 0.8, str(n)) for name, n in blocks.items())
+        robot = Shape("robot", *TABLES[self.at], 0.4, "block" if self.have_block else "")
         return Scene(bounds=(-5, -2, 5, 4), movers=(*tables, robot))
 
     def _try(self, event, chance):

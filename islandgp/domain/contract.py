@@ -36,8 +36,8 @@ class Event:
 
 
 @dataclass(frozen=True, slots=True)
-class Form:
-    """Appearance of things of one kind."""
+class ShapeStyle:
+    """Appearance of shapes of one kind."""
 
     meaning: str  # for the legend
     sign: str  # one letter, for terminals
@@ -66,7 +66,7 @@ class Schema:
     habits: Sequence[str] = ()  # properties of good trees, one sentence each; for prompts
     endings: Mapping[str, str] = field(default_factory=dict)
     """Meaning of each reason why an episode ended (`Outcome.endings`); for prompts."""
-    forms: Mapping[str, Form] = field(default_factory=dict)  # by Thing.form; empty: not drawn
+    styles: Mapping[str, ShapeStyle] = field(default_factory=dict)  # by Shape.style; {}: not drawn
     delay: int = 0  # ticks by which perturbed worlds may delay what the tree sees, at most
 
     def __post_init__(self) -> None:
@@ -82,7 +82,7 @@ class Schema:
             "component": Mapping[str, str],
             "event": Mapping[str, Event],
             "counter": Mapping[str, Counter],
-            "form": Mapping[str, Form],
+            "style": Mapping[str, ShapeStyle],
             "ending": Mapping[str, str],
         }
         for name, kind in kinds.items():
@@ -168,10 +168,10 @@ class Outcome:
         return self.fitness if name == "fitness" else self.counters[name]
 
 
-class Thing(NamedTuple):
-    """Something in a picture of the world."""
+class Shape(NamedTuple):
+    """A shape in a picture of the world."""
 
-    form: str  # a key of Schema.forms
+    style: str  # a key of Schema.styles
     x: float  # in the domain's unit of length; y grows upwards
     y: float
     size: float  # radius
@@ -183,9 +183,9 @@ class Scene:
     """The picture of the world after a tick."""
 
     bounds: tuple[float, float, float, float]  # least x, least y, greatest x, greatest y
-    fixed: tuple[Thing, ...] = ()  # the same in each tick of an episode
-    items: tuple[Thing, ...] = ()  # things that appear and disappear but do not move
-    movers: tuple[Thing, ...] = ()  # same number and order in each tick; the robot is the last
+    fixed: tuple[Shape, ...] = ()  # the same in each tick of an episode
+    items: tuple[Shape, ...] = ()  # that appear and disappear but do not move
+    movers: tuple[Shape, ...] = ()  # same number and order in each tick; the robot is the last
     frame: Callable[[], bytes] | None = None
     """Renders the simulator's own picture as a PNG instead. Called immediately or never."""
 

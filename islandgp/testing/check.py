@@ -299,7 +299,7 @@ PROMISES: Final[dict[str, Callable[[Survey], Iterator[str]]]] = {
     "actions return the statuses that they declare": _declared_statuses,
     "points of actions add up to the fitness": _credits,
     "counters named like an event count it": _counted_events,
-    "scenes use the declared forms": _scenes,
+    "scenes use the declared styles": _scenes,
     "frames are png images": _frames,
 }
 """What a domain promises; each function yields a line for each place where it does not hold."""

@@ -267,9 +267,9 @@ class EpisodeRecorder(Observer):
         """The first error in a scene, or ""."""
         if not isinstance(scene, Scene):
             return f"Expected a Scene, found {scene!r:.80}"
-        for thing in (*scene.fixed, *scene.items, *scene.movers):
-            if thing.form not in self._schema.forms:
-                return f"Expected a form of the schema, found {thing}"
+        for shape in (*scene.fixed, *scene.items, *scene.movers):
+            if shape.style not in self._schema.styles:
+                return f"Expected a style of the schema, found {shape}"
         self.movers.add(len(scene.movers))
         return ""
 

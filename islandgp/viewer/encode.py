@@ -12,7 +12,7 @@ from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.node import SUCCESS, thresholds, walk
 from islandgp.bt.core.vocabulary import Key
 from islandgp.bt.export.render import label, lay_out
-from islandgp.domain import Thing
+from islandgp.domain import Shape
 from islandgp.viewer.recording import Recording, SceneTrack, digits
 
 LETTERS: Final = ".fsrx"  # a letter per code: idle, failed, succeeded, runs, stopped
@@ -36,7 +36,7 @@ def encode(recording: Recording, *, title: str) -> dict[str, Any]:
         "ending": ", ".join(recording.outcome.endings),
         "fitness": recording.outcome.fitness,
         "digits": recording.digits,
-        "scene": None if recording.film is None else _Scene(recording, recording.film).plain(),
+        "scene": None if recording.scenes is None else _Scene(recording, recording.scenes).plain(),
         "board": _board(recording),
         "components": [{"name": c, "meaning": schema.components[c]} for c in components],
         "paints": _paints(recording),
@@ -158,45 +158,45 @@ def _paints(recording: Recording) -> dict[str, int]:
 class _Scene:
     """Encodes a scene track as plain values; positions are on a grid from the lower left corner."""
 
-    def __init__(self, recording: Recording, film: SceneTrack) -> None:
-        self.film = film
-        self.x, self.y, right, top = film.bounds
+    def __init__(self, recording: Recording, track: SceneTrack) -> None:
+        self.track = track
+        self.x, self.y, right, top = track.bounds
         self.width, self.height = right - self.x, top - self.y
         self.unit = max(self.width, self.height) / GRID or 1.0
-        forms = film.forms()
-        self.shapes = {n: f for n, f in recording.schema.forms.items() if n in forms}
-        self.forms = [*self.shapes]
+        styles = track.styles()
+        self.shapes = {n: f for n, f in recording.schema.styles.items() if n in styles}
+        self.styles = [*self.shapes]
         self.looks: dict[tuple[int, float, str], int] = {}  # with the index of each
 
     def plain(self) -> dict[str, Any]:
         """The scene data for the page's script."""
-        film = self.film
+        track = self.track
         encoded = {
             "width": round(self.width / self.unit, 3),
             "height": round(self.height / self.unit, 3),
-            "forms": [[f.meaning, f.shape, f.colour] for f in self.shapes.values()],
-            "fixed": [self._thing(thing) for thing in film.fixed],
-            "items": [[*self._thing(item.thing), item.begin, item.end] for item in film.items],
-            "movers": self._movers(film.movers),
-            **self._frames(film.frames),
+            "styles": [[f.meaning, f.shape, f.colour] for f in self.shapes.values()],
+            "fixed": [self._shape(shape) for shape in track.fixed],
+            "items": [[*self._shape(item.shape), item.begin, item.end] for item in track.items],
+            "movers": self._movers(track.movers),
+            **self._frames(track.frames),
         }
         return {**encoded, "looks": [*self.looks]}
 
-    def _look(self, form: str, size: float, text: str) -> int:
-        plain = (self.forms.index(form), round(size / self.unit, 1), text)
+    def _look(self, style: str, size: float, text: str) -> int:
+        plain = (self.styles.index(style), round(size / self.unit, 1), text)
         return self.looks.setdefault(plain, len(self.looks))
 
-    def _thing(self, thing: Thing) -> list[int]:
-        form, x, y, size, text = thing
-        look = self._look(form, size, text)
+    def _shape(self, shape: Shape) -> list[int]:
+        style, x, y, size, text = shape
+        look = self._look(style, size, text)
         return [look, round((x - self.x) / self.unit), round((y - self.y) / self.unit)]
 
-    def _movers(self, movers: Sequence[Sequence[Thing]]) -> list[dict[str, Any]]:
-        paths = [[(thing.x, thing.y) for thing in mover] for mover in movers]
+    def _movers(self, movers: Sequence[Sequence[Shape]]) -> list[dict[str, Any]]:
+        paths = [[(shape.x, shape.y) for shape in mover] for mover in movers]
         encoded = []
         for place, (path_points, mover) in enumerate(zip(paths, movers, strict=True)):
             first = paths.index(path_points)  # movers with equal positions share them
-            looks = changes((form, size, text) for form, _, _, size, text in mover)
+            looks = changes((style, size, text) for style, _, _, size, text in mover)
             looks[1::2] = [self._look(*look) for look in looks[1::2]]
             way = first if first < place else self._path(path_points)
             encoded.append({"way": way, "looks": looks})

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 from islandgp.bt.core.engine import ABORTED
 from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node, size
-from islandgp.domain import Outcome, Scene, Schema, Thing, prepare
+from islandgp.domain import Outcome, Scene, Schema, Shape, prepare
 from islandgp.errors import DomainError
 from islandgp.evaluation.base import Problem, in_floats
 from islandgp.leaves import is_number
@@ -40,9 +40,9 @@ class Credit(NamedTuple):
 
 
 class ItemSpan(NamedTuple):
-    """A thing that does not move, and the ticks in which it exists."""
+    """A shape that does not move, and the ticks in which it exists."""
 
-    thing: Thing
+    shape: Shape
     begin: int  # first tick in which it exists
     end: int  # first tick in which it no longer exists
 
@@ -52,19 +52,19 @@ class SceneTrack:
     """The drawn things of an episode, over its ticks."""
 
     bounds: Bounds  # of all ticks
-    fixed: tuple[Thing, ...]
+    fixed: tuple[Shape, ...]
     items: tuple[ItemSpan, ...]  # by begin
-    movers: tuple[tuple[Thing, ...], ...]
-    """Each moving thing at each tick; the last one is the robot, which is drawn on top."""
+    movers: tuple[tuple[Shape, ...], ...]
+    """Each moving shape at each tick; the last one is the robot, which is drawn on top."""
     frames: tuple[tuple[int, bytes], ...]  # a tick and the PNG from then on
 
-    def things(self) -> Iterator[Thing]:
-        """All things drawn; movers once per tick."""
-        return chain(self.fixed, (item.thing for item in self.items), *self.movers)
+    def shapes(self) -> Iterator[Shape]:
+        """All shapes drawn; movers once per tick."""
+        return chain(self.fixed, (item.shape for item in self.items), *self.movers)
 
-    def forms(self) -> set[str]:
-        """The forms that occur."""
-        return {thing.form for thing in self.things()}
+    def styles(self) -> set[str]:
+        """The styles that occur."""
+        return {shape.style for shape in self.shapes()}
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,7 +81,7 @@ class Recording:
     counts: tuple[tuple[int, int, int, int, int], ...]  # per node and code: how often; [0] is 0
     boards: tuple[tuple[float, ...], ...]  # per tick, a value per key of the vocabulary
     credits: tuple[Credit, ...]  # in order of time
-    film: SceneTrack | None  # None: the domain draws nothing
+    scenes: SceneTrack | None  # None: the domain draws nothing
     outcome: Outcome
 
     @property
@@ -127,7 +127,7 @@ def record(tree: Node, problem: Problem, *, seed: int, stage: int, limit: float 
         counts=tuple((c[0], c[1], c[2], c[3], c[4]) for c in recorder.counts),
         boards=tuple(recorder.boards),
         credits=tuple(c._replace(tick=min(c.tick, ticks - 1)) for c in recorder.credits),
-        film=recorder.camera.film(ticks, schema) if recorder.camera.scenes else None,
+        scenes=recorder.camera.track(ticks, schema) if recorder.camera.scenes else None,
         outcome=in_floats(outcome),
     )
 
@@ -139,7 +139,7 @@ class Recorder:
         self.counts = [[0] * 5 for _ in range(size(tree))]
         self.boards: list[tuple[float, ...]] = []
         self.credits: list[Credit] = []
-        self.camera = Camera()
+        self.camera = SceneRecorder()
         self._components = schema.components
         self._keys = len(schema.vocabulary.keys)
         self._idle = bytes(len(self.counts))
@@ -191,17 +191,17 @@ class Recorder:
         return tuple(codes[place::nodes] for place in range(nodes))
 
 
-class Camera:
-    """Collects scenes; an unchanged thing is stored once."""
+class SceneRecorder:
+    """Collects scenes; an unchanged shape is stored once."""
 
     def __init__(self) -> None:
         self.scenes = 0
         self._bounds: set[Bounds] = set()
-        self._fixed: tuple[Thing, ...] = ()
-        self._items: tuple[Thing, ...] = ()  # of the last scene
-        self._present: dict[tuple[Thing, int], int] = {}  # since when; equal things are numbered
+        self._fixed: tuple[Shape, ...] = ()
+        self._items: tuple[Shape, ...] = ()  # of the last scene
+        self._present: dict[tuple[Shape, int], int] = {}  # since when; equal things are numbered
         self._gone: list[ItemSpan] = []
-        self._movers: list[tuple[Thing, ...]] = []  # per tick
+        self._movers: list[tuple[Shape, ...]] = []  # per tick
         self._frames: list[tuple[int, bytes]] = []
 
     def see(self, scene: Scene, tick: int) -> None:
@@ -217,10 +217,10 @@ class Camera:
             self._frames.append((tick, frame))
         self._movers += [scene.movers] * (tick + 1 - len(self._movers))
 
-    def _see_items(self, items: tuple[Thing, ...], tick: int) -> None:
+    def _see_items(self, items: tuple[Shape, ...], tick: int) -> None:
         self._items = items
-        counts: dict[Thing, int] = {}
-        present: dict[tuple[Thing, int], int] = {}
+        counts: dict[Shape, int] = {}
+        present: dict[tuple[Shape, int], int] = {}
         for item in items:
             number = counts[item] = counts.get(item, 0) + 1
             present[item, number] = self._present.get((item, number), tick)
@@ -228,10 +228,10 @@ class Camera:
             self._gone.append(ItemSpan(key[0], self._present[key], tick))
         self._present = present
 
-    def film(self, ticks: int, schema: Schema) -> SceneTrack:
+    def track(self, ticks: int, schema: Schema) -> SceneTrack:
         """The track of an episode of `ticks` ticks. Raises DomainError for wrong scenes."""
-        open_spans = [ItemSpan(thing, since, ticks) for (thing, _), since in self._present.items()]
-        items = sorted([*self._gone, *open_spans], key=lambda item: (item.begin, item.thing))
+        open_spans = [ItemSpan(shape, since, ticks) for (shape, _), since in self._present.items()]
+        items = sorted([*self._gone, *open_spans], key=lambda item: (item.begin, item.shape))
         lows, highs = zip(*((b[:2], b[2:]) for b in self._bounds), strict=True)
         track = SceneTrack(
             bounds=(*map(min, zip(*lows, strict=True)), *map(max, zip(*highs, strict=True))),
@@ -241,17 +241,17 @@ class Camera:
             frames=tuple(self._frames),
         )
         _must_be_numbers("the bounds of a scene", track.bounds)
-        places = chain.from_iterable(thing[1:4] for thing in track.things())
-        _must_be_numbers("the places and sizes of things", places)
-        if unknown := track.forms() - schema.forms.keys():
-            forms = ", ".join(schema.forms) or "none"
+        places = chain.from_iterable(shape[1:4] for shape in track.shapes())
+        _must_be_numbers("the places and sizes of shapes", places)
+        if unknown := track.styles() - schema.styles.keys():
+            styles = ", ".join(schema.styles) or "none"
             raise DomainError(
-                f"Expected things of the schema's forms ({forms}), found {min(unknown)!r} in a"
-                " scene; declare it among the forms."
+                f"Expected shapes of the schema's styles ({styles}), found {min(unknown)!r} in a"
+                " scene; declare it among the styles."
             )
         return _in_floats(track)
 
-    def _columns(self, ticks: int) -> tuple[tuple[Thing, ...], ...]:
+    def _columns(self, ticks: int) -> tuple[tuple[Shape, ...], ...]:
         """Each mover at each tick. Raises DomainError if their number changes."""
         movers = self._movers + self._movers[-1:] * (ticks - len(self._movers))
         most, least = max(map(len, movers)), min(map(len, movers))
@@ -270,15 +270,15 @@ def _in_floats(track: SceneTrack) -> SceneTrack:
         track,
         bounds=(least_x, least_y, greatest_x, greatest_y),
         fixed=tuple(map(_placed, track.fixed)),
-        items=tuple(item._replace(thing=_placed(item.thing)) for item in track.items),
+        items=tuple(item._replace(shape=_placed(item.shape)) for item in track.items),
         movers=tuple(tuple(map(_placed, mover)) for mover in track.movers),
     )
 
 
-def _placed(thing: Thing) -> Thing:
-    if type(thing.x) is type(thing.y) is type(thing.size) is float:  # as nearly all are
-        return thing
-    return thing._replace(x=float(thing.x), y=float(thing.y), size=float(thing.size))
+def _placed(shape: Shape) -> Shape:
+    if type(shape.x) is type(shape.y) is type(shape.size) is float:  # as nearly all are
+        return shape
+    return shape._replace(x=float(shape.x), y=float(shape.y), size=float(shape.size))
 
 
 def _must_be_numbers(subject: str, values: Iterable[float]) -> None:

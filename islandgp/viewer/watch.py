@@ -42,7 +42,7 @@ def lines(recording: Recording, *, every: float) -> Iterator[str]:
     """The episode as lines of text, one per `every` seconds, and one for its end."""
     apart = max(1, round(every / recording.step_s))
     keys = recording.schema.vocabulary.keys
-    robot = recording.film.movers[-1] if recording.film and recording.film.movers else None
+    robot = recording.scenes.movers[-1] if recording.scenes and recording.scenes.movers else None
     for tick in [*range(0, recording.ticks - 1, apart), recording.ticks - 1]:
         at = "" if robot is None else f"  at ({robot[tick].x:5.1f}, {robot[tick].y:5.1f})"
         board = "  ".join(
@@ -73,8 +73,8 @@ def frame(recording: Recording, tick: int) -> Group:
         Panel(_components(recording, tick), title="fitness"),
     )
     panels: list[RenderableType] = [side]
-    if recording.film is not None and recording.film.forms():
-        panels.insert(0, Panel(_map(recording, recording.film, tick), title=title))
+    if recording.scenes is not None and recording.scenes.styles():
+        panels.insert(0, Panel(_map(recording, recording.scenes, tick), title=title))
         return Group(Columns(panels))
     return Group(Text(title, "bold"), side)
 
@@ -89,18 +89,18 @@ def _map(recording: Recording, track: SceneTrack, tick: int) -> Text:
     rows = max(1, round(ROWS * min(1.0, height / width)))
     cells = [[(" ", "")] * columns for _ in range(rows)]
 
-    def put(form: str, x: float, y: float, style: str = "") -> None:
-        form_of_track = recording.schema.forms[form]
-        if form_of_track.sign.strip():
+    def put(name: str, x: float, y: float, style: str = "") -> None:
+        look = recording.schema.styles[name]
+        if look.sign.strip():
             column = min(columns - 1, max(0, int((x - left) / width * columns)))
             row = min(rows - 1, max(0, int((top - y) / height * rows)))
-            cells[row][column] = (form_of_track.sign[0], f"{form_of_track.colour}{style}")
+            cells[row][column] = (look.sign[0], f"{look.colour}{style}")
 
-    for thing in (*track.fixed, *(s.thing for s in track.items if s.begin <= tick < s.end)):
-        put(thing.form, thing.x, thing.y)
+    for shape in (*track.fixed, *(s.shape for s in track.items if s.begin <= tick < s.end)):
+        put(shape.style, shape.x, shape.y)
     for mover in track.movers:
         style = " bold reverse" if mover is track.movers[-1] else " bold"
-        put(mover[tick].form, mover[tick].x, mover[tick].y, style)
+        put(mover[tick].style, mover[tick].x, mover[tick].y, style)
     return Text("\n").join(Text.assemble(*((sign, style) for sign, style in row)) for row in cells)
 
 

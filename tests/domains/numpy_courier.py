@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from islandgp.domain import Counter, EventLog, Form, Scene, SimulatorDomain, Thing
+from islandgp.domain import Counter, EventLog, Scene, Shape, ShapeStyle, SimulatorDomain
 from tests.domains.courier import PLACES, SCHEMA, Day, World
 
 
@@ -35,7 +35,7 @@ class NumpyDay(Day):
         """See `Simulation`."""
         one = np.float32(1)
         low, high = np.float32(-1), np.float32(len(PLACES))
-        robot = Thing("courier", np.float32(self.at), one, one)  # type: ignore[arg-type]
+        robot = Shape("courier", np.float32(self.at), one, one)  # type: ignore[arg-type]
         return Scene((low, low, high, high), movers=(robot,))  # type: ignore[arg-type]
 
     def Unload(self) -> bool:
@@ -55,5 +55,5 @@ class NumpyCourier(SimulatorDomain):
     schema = replace(
         SCHEMA,
         counters={**SCHEMA.counters, "hours": Counter("time at work", "h")},
-        forms={"courier": Form("the courier", "C")},
+        styles={"courier": ShapeStyle("the courier", "C")},
     )

@@ -179,11 +179,11 @@ PROMISES = [
      "Expected Tuck to return FAILURE, found SUCCESS."),
     ('"blocks_left": self.world.blocks - self.placed}', '"blocks_left": -1}',
      "keys stay in their ranges", "Expected blocks_left >= 0, found -1.0"),
-    ('Thing("robot", *TABLES', 'Thing("robo", *TABLES',
-     "scenes use the declared forms",
-     "Expected a form of the schema, found Thing(form='robo', x=0.0, y=0.0, size=0.4, text='')"),
+    ('Shape("robot", *TABLES', 'Shape("robo", *TABLES',
+     "scenes use the declared styles",
+     "Expected a style of the schema, found Shape(style='robo', x=0.0, y=0.0, size=0.4, text='')"),
     ("return Scene(bounds=(-5, -2, 5, 4), movers=(*tables, robot))", "return 'a scene'",
-     "scenes use the declared forms", "Expected a Scene, found 'a scene'"),
+     "scenes use the declared styles", "Expected a Scene, found 'a scene'"),
     ("    World, Episode, schema = World, Robot, SCHEMA",
      "    World, Episode, schema = World, Robot, SCHEMA\n\n"
      "    def __init__(self, world, rewards):\n"

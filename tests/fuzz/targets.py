@@ -35,7 +35,7 @@ from islandgp.bt.export.json import from_json, to_json
 from islandgp.commands.verify_command import verify
 from islandgp.compare.runs import find, read
 from islandgp.config.compose import planned
-from islandgp.domain import Scene, Schema, Thing
+from islandgp.domain import Scene, Schema, Shape
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.errors import IslandError
 from islandgp.evaluation.base import Problem
@@ -438,7 +438,7 @@ def recording(data: bytes) -> bool:
 def _scene(plain: dict[str, Any]) -> Scene:
     frame = plain["frame"]
     parts = {
-        name: tuple(Thing(*thing) for thing in plain[name]) for name in ("fixed", "items", "movers")
+        name: tuple(Shape(*shape) for shape in plain[name]) for name in ("fixed", "items", "movers")
     }
     frame_reader = None if frame is None else frame.encode
     return Scene(tuple(plain["bounds"]), frame=frame_reader, **parts)

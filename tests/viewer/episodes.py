@@ -15,7 +15,7 @@ from islandgp.bt.core.engine import compile_tree
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import RUNNING, SUCCESS, Limits, Node, size
 from islandgp.bt.core.vocabulary import Action, Vocabulary, flag, number
-from islandgp.domain import Event, Form, Observer, Outcome, RewardTable, Scene, Schema, Thing
+from islandgp.domain import Event, Observer, Outcome, RewardTable, Scene, Schema, Shape, ShapeStyle
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.evaluation.base import Problem
 from islandgp.gp.random_trees import TreeSpace, random_tree
@@ -84,7 +84,10 @@ class Small:
             components={"going": "going on", "unused": "nothing"},
             events={"step": Event("a step is made")},
             task="Go.",
-            forms={"robot": Form("robot", "R", "triangle"), "stone": Form("stone", "o")},
+            styles={
+                "robot": ShapeStyle("robot", "R", "triangle"),
+                "stone": ShapeStyle("stone", "o"),
+            },
         )
     )
 
@@ -136,9 +139,9 @@ def going(ticks: int = 20) -> list[Scene]:
     return [
         Scene(
             bounds=(0, 0, 20, 10),
-            fixed=(Thing("stone", 10, 9, 1),),
-            items=(Thing("stone", 3, 3, 0.5, "here"),) if tick < 5 else (),
-            movers=(Thing("robot", float(tick), 5.0, 0.5, str(tick // 10)),),
+            fixed=(Shape("stone", 10, 9, 1),),
+            items=(Shape("stone", 3, 3, 0.5, "here"),) if tick < 5 else (),
+            movers=(Shape("robot", float(tick), 5.0, 0.5, str(tick // 10)),),
         )
         for tick in range(ticks)
     ]

@@ -23,7 +23,7 @@ from islandgp.compare.figures import Picture
 from islandgp.compare.findings import DEFAULT_PLAN
 from islandgp.compare.report import Report, Section, to_page
 from islandgp.compare.table import Table
-from islandgp.domain import Form, Scene, Thing
+from islandgp.domain import Scene, Shape, ShapeStyle
 from islandgp.viewer.encode import GRID
 from islandgp.viewer.page import page
 from islandgp.viewer.recording import IDLE, Recording, record
@@ -179,9 +179,9 @@ def test_zoom(tab: Browser) -> None:
     seek(tab, 500)
     tab.press("f")
     tab.run(DRAWN)
-    film = recorded().film
-    assert film is not None
-    robot, unit = film.movers[-1], film.bounds[2] / GRID
+    track = recorded().scenes
+    assert track is not None
+    robot, unit = track.movers[-1], track.bounds[2] / GRID
     x, y = tab.run("[scene.view.x, scene.view.y]")
     assert abs(complex(x * unit, y * unit) - complex(robot[500].x, robot[500].y)) < 0.2
 
@@ -220,17 +220,17 @@ MARKUP = (
 def test_hostile_words_do_nothing(browser: Browser, tmp_path: Path, bad: str) -> None:
     """The page shows any name of a domain as text and runs none of it."""
     schema = small().schema
-    form = dataclasses.replace(schema.forms["robot"], meaning=bad)
+    style = dataclasses.replace(schema.styles["robot"], meaning=bad)
     keys = {n: dataclasses.replace(k, meaning=bad) for n, k in schema.vocabulary.keys.items()}
     actions = {n: dataclasses.replace(a, meaning=bad) for n, a in schema.vocabulary.actions.items()}
     vocabulary = dataclasses.replace(schema.vocabulary, keys=keys, actions=actions)
     schema = dataclasses.replace(
         schema,
         vocabulary=vocabulary,
-        forms={"robot": form},
+        styles={"robot": style},
         components={"going": bad, "unused": bad},
     )
-    scenes = [Scene((0, 0, 9, 9), movers=(Thing("robot", 1, 1, 1, bad),))]
+    scenes = [Scene((0, 0, 9, 9), movers=(Shape("robot", 1, 1, 1, bad),))]
     path = tmp_path / "hostile.html"
     path.write_text(page(small(scenes=scenes, schema=schema), title=bad), encoding="utf-8")
     browser.console.clear()
@@ -443,11 +443,11 @@ def test_one_tick(browser: Browser, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("shape", ["circle", "ring", "square", "triangle", "diamond", "cross"])
 def test_every_shape_is_drawn(browser: Browser, tmp_path: Path, shape: Any) -> None:
-    """A thing is at its coordinates, y upwards, in its colour; the legend has its meaning."""
+    """A shape is at its coordinates, y upwards, in its colour; the legend has its meaning."""
     schema = small().schema
-    forms = {**schema.forms, "robot": Form("my robot", "R", shape, "#ff00ff")}
-    schema = dataclasses.replace(schema, forms=forms)
-    scenes = [Scene((0, 0, 20, 10), movers=(Thing("robot", 18, 9, 0.8),))]
+    forms = {**schema.styles, "robot": ShapeStyle("my robot", "R", shape, "#ff00ff")}
+    schema = dataclasses.replace(schema, styles=forms)
+    scenes = [Scene((0, 0, 20, 10), movers=(Shape("robot", 18, 9, 0.8),))]
     open_small(browser, tmp_path, scenes=scenes, schema=schema)
     seek(browser, 18)
     at = browser.run(

@@ -15,7 +15,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from islandgp.bt.core.node import size, walk
-from islandgp.domain import Scene, Thing
+from islandgp.domain import Scene, Shape
 from islandgp.errors import DomainError
 from islandgp.resources import resource
 from islandgp.viewer.encode import GRID, LETTERS, encode, path, runs
@@ -30,7 +30,7 @@ EXAMPLES = sorted(file.stem for file in (resource("grammar") / "examples").glob(
 
 def film(name: str = "all_rounder") -> SceneTrack:
     """The scenes of an example's episode."""
-    track = recorded(name).film
+    track = recorded(name).scenes
     assert track is not None
     return track
 
@@ -74,35 +74,35 @@ def test_points_add_up() -> None:
 def test_garbage_is_what_the_robot_found() -> None:
     """As many items vanish as were picked up, each within reach of the robot."""
     recording = recorded()
-    stays = [stay for stay in film().items if stay.thing.form == "garbage"]
+    stays = [stay for stay in film().items if stay.shape.style == "garbage"]
     vanished = [stay for stay in stays if stay.end < recording.ticks]
     picked = [c for c in recording.credits if c.event == "pickup"]
     assert len(vanished) == len(picked) > 10
     reach = composed().world.robot.pickup_reach
     robot = film().movers[-1]
-    for thing, _, end in vanished:
+    for shape, _, end in vanished:
         at = complex(robot[end].x, robot[end].y)
-        assert abs(complex(thing.x, thing.y) - at) <= reach + 1e-6
+        assert abs(complex(shape.x, shape.y) - at) <= reach + 1e-6
 
 
 def test_scenes_of_any_domain() -> None:
     """What stays is kept once, what comes and goes with its ticks, what moves at each tick."""
-    track = small(scenes=going()).film
+    track = small(scenes=going()).scenes
     assert track is not None
     assert track.bounds == (0, 0, 20, 10)
-    assert track.fixed == (Thing("stone", 10, 9, 1),)
-    assert track.items == ((Thing("stone", 3, 3, 0.5, "here"), 0, 5),)
+    assert track.fixed == (Shape("stone", 10, 9, 1),)
+    assert track.items == ((Shape("stone", 3, 3, 0.5, "here"), 0, 5),)
     (robot,) = track.movers
-    assert [thing.x for thing in robot] == list(range(20))
-    assert [thing.text for thing in robot] == ["0"] * 10 + ["1"] * 10
+    assert [shape.x for shape in robot] == list(range(20))
+    assert [shape.text for shape in robot] == ["0"] * 10 + ["1"] * 10
     assert track.frames == ()
 
 
 def test_equal_things_at_one_place() -> None:
     """Two of a kind at the same place are two; one of them can go."""
-    stone = Thing("stone", 1, 1, 1)
+    stone = Shape("stone", 1, 1, 1)
     scenes = [Scene((0, 0, 2, 2), items=(stone,) * number) for number in (2, 1, 0)]
-    track = small(scenes=scenes, ticks=3).film
+    track = small(scenes=scenes, ticks=3).scenes
     assert track is not None
     assert [(stay.begin, stay.end) for stay in track.items] == [(0, 1), (0, 2)] or [
         (stay.begin, stay.end) for stay in track.items
@@ -112,7 +112,7 @@ def test_equal_things_at_one_place() -> None:
 def test_a_domain_that_draws_nothing() -> None:
     """Tree, blackboard, timeline and points are there all the same."""
     recording = small()
-    assert recording.film is None
+    assert recording.scenes is None
     assert (recording.ticks, len(recording.boards)) == (20, 20)
     assert encode(recording, title="t")["scene"] is None
 
@@ -132,8 +132,8 @@ def test_frames_are_kept_where_they_change() -> None:
         Scene((0, 0, 1, 1), frame=partial(bytes, b"ab"[tick // 3 % 2 :][:1])) for tick in range(12)
     ]
     recording = small(scenes=scenes, ticks=12)
-    assert recording.film is not None
-    assert [tick for tick, _ in recording.film.frames] == [0, 3, 6, 9]
+    assert recording.scenes is not None
+    assert [tick for tick, _ in recording.scenes.frames] == [0, 3, 6, 9]
     encoded = encode(recording, title="t")["scene"]
     assert [b64decode(frame) for frame in encoded["frames"]] == [b"a", b"b"]
     assert encoded["shown"] == [0, 0, 3, 1, 3, 0, 3, 1]
@@ -152,11 +152,11 @@ def test_many_frames_are_thinned_out(monkeypatch: pytest.MonkeyPatch) -> None:
     ("scenes", "message"),
     [
         (
-            [Scene((0, 0, 1, 1), movers=(Thing("cat", 0, 0, 1),))],
-            "forms (robot, stone), found 'cat'",
+            [Scene((0, 0, 1, 1), movers=(Shape("cat", 0, 0, 1),))],
+            "styles (robot, stone), found 'cat'",
         ),
         (
-            [Scene((0, 0, 1, 1), movers=(Thing("robot", 0, 0, 1),) * n) for n in (1, 2)],
+            [Scene((0, 0, 1, 1), movers=(Shape("robot", 0, 0, 1),) * n) for n in (1, 2)],
             "as many movers in each tick, found 1 and 2",
         ),
     ],
@@ -217,9 +217,9 @@ def test_positions_are_exact_to_the_tenth_of_a_metre() -> None:
     assert unit == 0.1
     for mover, entry in zip(film().movers, movers, strict=True):
         way = entry["way"] if isinstance(entry["way"], list) else movers[entry["way"]]["way"]
-        for (x, y), thing in zip(places(way, recording.ticks), mover, strict=True):
-            assert abs(x * unit - thing.x) <= unit + 1e-9
-            assert abs(y * unit - thing.y) <= unit + 1e-9
+        for (x, y), shape in zip(places(way, recording.ticks), mover, strict=True):
+            assert abs(x * unit - shape.x) <= unit + 1e-9
+            assert abs(y * unit - shape.y) <= unit + 1e-9
 
 
 def test_changes_are_lossless() -> None:
@@ -318,8 +318,8 @@ def test_hostile_words() -> None:
     """What a domain calls its things is shown as it is, and ends no script."""
     bad = "</script><b>"
     schema = small().schema
-    form = dataclasses.replace(schema.forms["robot"], meaning=bad)
-    scenes = [Scene((0, 0, 9, 9), movers=(Thing("robot", 1, 1, 1, bad),))]
-    schema = dataclasses.replace(schema, forms={"robot": form})
+    style = dataclasses.replace(schema.styles["robot"], meaning=bad)
+    scenes = [Scene((0, 0, 9, 9), movers=(Shape("robot", 1, 1, 1, bad),))]
+    schema = dataclasses.replace(schema, styles={"robot": style})
     text = page(small(scenes=scenes, schema=schema), title="t")
     assert text.count("</script>") == 2

@@ -10,11 +10,11 @@ from pydantic import BaseModel, Field
 from islandgp.domain import (
     Action,
     Event,
-    Form,
     Scene,
     Schema,
+    Shape,
+    ShapeStyle,
     SimulatorDomain,
-    Thing,
     Vocabulary,
     flag,
     number,
@@ -52,9 +52,9 @@ SCHEMA = Schema(
     task="A robot carries boxes from a shelf to a dock, where it can charge its battery.",
     endings={"time": "its ticks were over", "battery empty": "the battery was empty"},
     habits=("Charge before the battery is too low for a round.",),
-    forms={
-        "robot": Form("robot", "R", "triangle", "#1a73e8"),
-        "place": Form("shelf (S) and dock (D)", "P", "square", "#8d6e63"),
+    styles={
+        "robot": ShapeStyle("robot", "R", "triangle", "#1a73e8"),
+        "place": ShapeStyle("shelf (S) and dock (D)", "P", "square", "#8d6e63"),
     },
 )
 
@@ -121,8 +121,8 @@ class Robot:
         return "battery empty"
 
     def scene(self):
-        places = (Thing("place", x, 0, 0.6, sign) for x, sign in ((SHELF, "S"), (DOCK, "D")))
-        robot = Thing("robot", self.place, 1, 0.4, "box" if self.loaded else "")
+        places = (Shape("place", x, 0, 0.6, sign) for x, sign in ((SHELF, "S"), (DOCK, "D")))
+        robot = Shape("robot", self.place, 1, 0.4, "box" if self.loaded else "")
         return Scene(bounds=(-1, -2, 9, 3), movers=(*places, robot))
 
     def _drive(self, goal):

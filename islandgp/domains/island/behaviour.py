@@ -3,8 +3,8 @@
 An action is called once per tick while its leaf runs; `fresh` is True on the first call. It
 returns a status and may turn the wheels. As the island skips ticks that change nothing, an action
 that may end at a known step calls `wake_at` with it while it is RUNNING, and an action whose result
-depends on the robot's position calls `same_for`, also if it ends at once, with the distance within
-which a fresh call would have the same result.
+depends on the robot's position calls `result_holds_for`, also if it ends at once, with the
+distance within which a fresh call would have the same result.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ from islandgp.domains.island.events import (
 from islandgp.domains.island.fields import HUMANOID, ITEM, STATION
 from islandgp.domains.island.geometry import norm
 from islandgp.domains.island.memory import compiled, table
-from islandgp.domains.island.robot import drive_to, same_for, steps_to, wake_at
+from islandgp.domains.island.robot import drive_to, result_holds_for, steps_to, wake_at
 from islandgp.domains.island.sensing import log, nearby
 from islandgp.domains.island.world import FULL, MICRO
 
@@ -34,7 +34,7 @@ AIM_EVERY: Final = 5  # steps after which MoveToHumanoid updates its aim at a wa
 def act(s, kind, amount):
     """Records a non-movement action with its event."""
     log(s, kind, amount)
-    s.acted = s.stirred = 1
+    s.acted = s.world_changed = 1
     s.last_action = s.step
 
 
@@ -45,7 +45,7 @@ def move_to_garbage(s, fresh):
     if fresh:
         s.item, gap, second = nearest_item(s)
         if gap > s.perception:
-            same_for(s, gap - s.perception)
+            result_holds_for(s, gap - s.perception)
             return FAILURE
         lead = min(second, s.perception) - gap
     if s.item < 0 or not items[s.item].present:  # another branch of the tree has taken it
@@ -60,7 +60,7 @@ def pickup_garbage(s, _fresh):
         return FAILURE
     item, gap, _ = nearest_item(s)
     if gap > s.pickup_reach:
-        same_for(s, gap - s.pickup_reach)
+        result_holds_for(s, gap - s.pickup_reach)
         return FAILURE
     table(s.items_at, s.items, ITEM)[item].present = 0
     s.room += 1
@@ -84,7 +84,7 @@ def execute_charge(s, fresh):
     """Charges until full; logs `charge` again only after `charge_again` percent were used."""
     _, gap, _ = nearest_station(s, table(s.chargers_at, s.chargers, STATION))
     beyond = gap - s.station_reach
-    same_for(s, abs(beyond))
+    result_holds_for(s, abs(beyond))
     if beyond > 0:
         return FAILURE
     if fresh and s.battery >= s.charge_below:
@@ -135,7 +135,7 @@ def deliver_to_clearing_point(s, fresh):
     point = points[s.clearing_point]
     if drive(s, point.x, point.y, s.station_reach, lead) == RUNNING:
         return RUNNING
-    same_for(s, lead / 2)  # then another clearing point may be the nearest
+    result_holds_for(s, lead / 2)  # then another clearing point may be the nearest
     if s.load > 0:
         act(s, DELIVERY, s.load)
         s.load = 0
@@ -155,7 +155,7 @@ def patrol_waypoint(s, _fresh):
     if status == SUCCESS:
         s.waypoint = (s.waypoint + 1) % len(waypoints)
         s.laps += s.waypoint == 0
-        s.stirred = 1
+        s.world_changed = 1
     else:
         s.patrolling = 1
     return status
@@ -169,7 +169,7 @@ def drive(s, x, y, reach, lead):
     """
     distance = norm(x - s.x, y - s.y)
     if distance <= reach:
-        same_for(s, reach - distance)
+        result_holds_for(s, reach - distance)
         return SUCCESS
     drive_to(s, x, y, reach, lead)
     wake_at(s, s.step + steps_to(distance - reach, s.stride))
@@ -225,7 +225,7 @@ def _pursue(s, one, gap):
 
     `gap`: metres between the robot and the humanoid.
     """
-    same_for(s, 0.0)  # a fresh call would update the aim
+    result_holds_for(s, 0.0)  # a fresh call would update the aim
     distance = norm(s.aim_x - s.x, s.aim_y - s.y)
     if s.step >= s.aim_end or distance < s.stride:
         s.aim_x, s.aim_y, s.aim_end = one.x, one.y, s.step + AIM_EVERY

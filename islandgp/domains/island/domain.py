@@ -19,7 +19,7 @@ from islandgp.domain import (
     Scene,
     Schema,
     SensorFaults,
-    Thing,
+    Shape,
     Vocabulary,
     wants_scenes,
 )
@@ -195,8 +195,8 @@ class Island:
             endings=(episode.ending.value,),
         )
 
-    def _fixed(self) -> tuple[Thing, ...]:
-        """The things that do not move, for all pictures of an episode."""
+    def _fixed(self) -> tuple[Shape, ...]:
+        """The shapes that do not move, for all pictures of an episode."""
         world = self.world
         stations = (
             ("waypoint", world.waypoints),
@@ -204,28 +204,28 @@ class Island:
             ("clearing", world.clearing_points),
         )
         return (
-            *(Thing("rock", x, y, radius) for x, y, radius in obstacles(world)),
+            *(Shape("rock", x, y, radius) for x, y, radius in obstacles(world)),
             *(
-                Thing(form, x, y, world.robot.station_reach)
-                for form, points in stations
+                Shape(style, x, y, world.robot.station_reach)
+                for style, points in stations
                 for x, y in points
             ),
         )
 
-    def _scene(self, island: State, fixed: tuple[Thing, ...]) -> Scene:
+    def _scene(self, island: State, fixed: tuple[Shape, ...]) -> Scene:
         world, reach = self.world, self.world.robot.pickup_reach / 2
         lying = island.garbage[island.garbage["present"] > 0]
-        items = tuple(Thing("garbage", x, y, reach) for x, y in lying[["x", "y"]].tolist())
+        items = tuple(Shape("garbage", x, y, reach) for x, y in lying[["x", "y"]].tolist())
         if island.driving:
-            items = (*items, Thing("goal", island.wish_x, island.wish_y, GOAL_SIZE))
+            items = (*items, Shape("goal", island.wish_x, island.wish_y, GOAL_SIZE))
         return Scene(
             bounds=(0.0, 0.0, world.side, world.side),
             fixed=fixed,
             items=items,
             movers=(
-                Thing("sight", island.x, island.y, world.robot.perception),
+                Shape("sight", island.x, island.y, world.robot.perception),
                 *(
-                    Thing(
+                    Shape(
                         "asking" if carried >= world.humanoids.ask_from else "humanoid",
                         x,
                         y,
@@ -234,6 +234,6 @@ class Island:
                     )
                     for carried, x, y in island.people[["carried", "x", "y"]].tolist()
                 ),
-                Thing("robot", island.x, island.y, world.robot.radius, str(island.load)),
+                Shape("robot", island.x, island.y, world.robot.radius, str(island.load)),
             ),
         )

@@ -29,8 +29,8 @@ from islandgp.domains.island.memory import compiled, table
 from islandgp.domains.island.motion import move, straight_on, touches
 from islandgp.domains.island.robot import (
     battery_due,
-    same_choice,
-    same_for,
+    choice_holds_for,
+    result_holds_for,
     spend,
     steps_to,
     turn_wheels,
@@ -39,7 +39,7 @@ from islandgp.domains.island.robot import (
 from islandgp.domains.island.sensing import log, look_for_garbage, refresh, sense, visit_left
 from islandgp.domains.island.world import FAR
 
-START, TICKED, BOOKED = range(3)  # phases in which Python calls `proceed`
+START, TICKED, ACCOUNTED = range(3)  # phases in which Python calls `proceed`
 TICK, COUNT, ENDED, CROWDED = range(4)  # what Python has to do next
 
 
@@ -52,13 +52,13 @@ def after_tick(s, status):
     its actions would have another result.
     """
     ended = status != RUNNING
-    again = s.stirred or status == AGAIN or (s.resumed and (ended or s.restarted))
+    again = s.world_changed or status == AGAIN or (s.resumed and (ended or s.restarted))
     if s.driving and not again:
         again = s.charging  # it will lose the charger
         if not again:
             if ended:
-                same_for(s, same_choice(s))
-                wake_at(s, s.step + steps_to(s.free, s.stride))
+                result_holds_for(s, choice_holds_for(s))
+                wake_at(s, s.step + steps_to(s.free_distance, s.stride))
             if s.fined_at >= 0:
                 wake_at(s, s.step + steps_to(visit_left(s), s.stride))
     s.status = status
@@ -69,9 +69,9 @@ def after_tick(s, status):
 def before_tick(s):
     """Updates the blackboard, and forgets what the last tick wished."""
     refresh(s)
-    s.changed = s.acted = s.stirred = s.patrolling = s.restarted = s.driving = s.charging = 0
+    s.changed = s.acted = s.world_changed = s.patrolling = s.restarted = s.driving = s.charging = 0
     s.resumed = s.status >= RUNNING
-    s.wake, s.free = FAR, s.perception  # no farther: the rest is unknown
+    s.wake, s.free_distance = FAR, s.perception  # no farther: the rest is unknown
 
 
 @compiled
@@ -194,7 +194,7 @@ def turn_humanoids(s):
 def account(s, steps):
     """Accounts for the last `steps` steps. A robot that neither drives nor acts is idle."""
     spend(s, steps)
-    s.booked = s.step
+    s.accounted_until = s.step
     if s.patrolling:
         s.patrol_steps += steps
     if s.acted:
@@ -232,10 +232,10 @@ def until_tick(s, status):
             if s.crowded:
                 return CROWDED
             account(s, s.step - start)
-            s.phase = BOOKED
+            s.phase = ACCOUNTED
             if s.event_count:
                 return COUNT
-        if s.phase == BOOKED:
+        if s.phase == ACCOUNTED:
             s.end = deadline(s)
             if s.battery <= 0 or s.step >= s.end:
                 return ENDED

@@ -30,7 +30,7 @@ EPISODE: Final = _record(
         "step phase end due wake",  # end of the episode; due, wake: steps of the next tick
         "stepwise timed may_coast",  # how it is simulated, see `episode.run_episode`
         "status resumed restarted",  # of the tree; restarted: a leaf whose action others share
-        "changed stirred acted",  # by this tick: a flag, something that the next one may read
+        "changed world_changed acted",  # by this tick: a flag, something that the next one may read
         "patrolling driving charging idle last_action",
         "battery spent drain_moving drain_standing charge",  # changes in a step
         "low_battery charge_below charge_again",
@@ -38,7 +38,7 @@ EPISODE: Final = _record(
         "leg_end odometer rolling",  # step of the next leg, steps driven, whether the wheels turn
         "next_look next_humanoid_look",  # steps
         "spawn turn first_item room",  # next of the schedule; items that can still appear
-        "booked patrol_steps rewarded_segment event_count best_step negative_since",
+        "accounted_until patrol_steps rewarded_segment event_count best_step negative_since",
         "length stagnation stagnation_low_battery negative second ask_from most_items",
         "clear_until clear_checked since_contact coasted shaken crowded",  # see `motion`
         "space body contacts_at board_at events_at columns cell_starts_at cell_items_at",
@@ -49,7 +49,7 @@ EPISODE: Final = _record(
     real=(
         "x y vx vy heading_x heading_y",  # of the robot
         "wish_x wish_y wish_reach goal_x goal_y goal_reach",  # of this tick, of the present leg
-        "lead free aim_x aim_y",
+        "lead free_distance aim_x aim_y",
         "dt stride humanoid_stride speed humanoid_speed radius humanoid_radius",
         "perception pickup_reach station_reach hand_over_reach patrol_segment side cell",
     ),

@@ -39,9 +39,9 @@ def wake_at(s, step):
 
 
 @compiled
-def same_for(s, metres):
+def result_holds_for(s, metres):
     """Declares that a fresh call of the action has the same result for the next `metres`."""
-    s.free = min(s.free, metres)
+    s.free_distance = min(s.free_distance, metres)
 
 
 @compiled
@@ -61,7 +61,7 @@ def at_goal(s):
 
 
 @compiled
-def same_choice(s):
+def choice_holds_for(s):
     """Metres to drive until another goal may become nearer.
 
     On a straight leg none can be, as long as the goal lies ahead.

@@ -160,7 +160,7 @@ def discover(s, things):
     if not things or not s.patrolling:
         return
     log(s, DISCOVERY, things)
-    metres = (s.patrol_steps + s.step - s.booked) * s.stride
+    metres = (s.patrol_steps + s.step - s.accounted_until) * s.stride
     segment = int(min(metres / s.patrol_segment + 1e-9, FAR))
     if segment > s.rewarded_segment:
         s.rewarded_segment = segment

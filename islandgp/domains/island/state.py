@@ -134,19 +134,19 @@ class State:
     def act(self, event: IslandEvent, amount: float) -> None:
         """Records a non-movement action with its event."""
         self.log(event, amount)
-        self.acted = self.stirred = True
+        self.acted = self.world_changed = True
         self.last_action = self.step
 
     def wake_at(self, step: int) -> None:
         """Requests a tick at `step` at the latest."""
         self.record["wake"] = min(self.record["wake"].item(), step)
 
-    def same_for(self, metres: float) -> None:
+    def result_holds_for(self, metres: float) -> None:
         """Declares that a fresh call of the action has the same result for the next `metres`.
 
         Changes of the blackboard, the load and garbage in sight are detected anyway.
         """
-        self.record["free"] = min(self.record["free"].item(), metres)
+        self.record["free_distance"] = min(self.record["free_distance"].item(), metres)
 
     def drive(self, x: float, y: float, reach: float, lead: float = inf) -> int:
         """RUNNING while the wheels turn towards (x, y), SUCCESS within `reach` metres.

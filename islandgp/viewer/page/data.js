@@ -46,13 +46,13 @@ const statusOf = text => {
 };
 
 const sceneOf = scene => {
-  const looks = scene.looks.map(([form, size, text]) => ({form: scene.forms[form], size, text}));
-  const forms = scene.forms.map(([meaning, shape, colour]) => ({meaning, shape, colour}));
-  for (const look of looks) look.form = forms[scene.forms.indexOf(look.form)];
+  const looks = scene.looks.map(([style, size, text]) => ({style: scene.styles[style], size, text}));
+  const styles = scene.styles.map(([meaning, shape, colour]) => ({meaning, shape, colour}));
+  for (const look of looks) look.style = styles[scene.styles.indexOf(look.style)];
   const thing = ([look, x, y, from, to]) => ({...looks[look], x, y, from, to});
   const ways = scene.movers.map(({way}) => Array.isArray(way) ? wayOf(way) : way);
   return {
-    ...scene, forms,
+    ...scene, styles,
     fixed: scene.fixed.map(thing),
     items: scene.items.map(thing),
     movers: scene.movers.map((mover, i) => {

@@ -53,17 +53,17 @@ const scene = (() => {
   };
   const UP = -Math.PI / 2;
 
-  function shape(c, form, x, y, r, heading = UP) {
+  function shape(c, style, x, y, r, heading = UP) {
     c.save();
     c.translate(x, y);
-    if (form.shape === "triangle") c.rotate(heading);
-    const path = SHAPES[form.shape](r);
-    c.fillStyle = c.strokeStyle = form.colour;
-    if (form.shape === "cross") {
+    if (style.shape === "triangle") c.rotate(heading);
+    const path = SHAPES[style.shape](r);
+    c.fillStyle = c.strokeStyle = style.colour;
+    if (style.shape === "cross") {
       c.lineCap = "round";
       c.lineWidth = Math.max(1.8, Math.min(4, r * 0.3));
       c.stroke(path);
-    } else if (form.shape === "ring") {
+    } else if (style.shape === "ring") {
       c.globalAlpha = 0.13;
       c.fill(path);
       c.globalAlpha = 0.8;
@@ -93,13 +93,13 @@ const scene = (() => {
   const FONT = 'system-ui, "DejaVu Sans", sans-serif';
 
   // A short text is drawn on its thing if that is large enough, otherwise beside it.
-  function write(c, {form, text}, x, y, r) {
+  function write(c, {style, text}, x, y, r) {
     if (!text) return;
     c.textBaseline = "middle";
-    if (FILLED.includes(form.shape) && text.length <= 2 && r >= 6) {
+    if (FILLED.includes(style.shape) && text.length <= 2 && r >= 6) {
       c.font = `bold ${Math.min(16, Math.round(r * (text.length > 1 ? 1.1 : 1.4)))}px ${FONT}`;
       c.textAlign = "center";
-      c.fillStyle = inkOn(form.colour);
+      c.fillStyle = inkOn(style.colour);
       c.fillText(text, x, y + 0.5);
       return;
     }
@@ -114,9 +114,9 @@ const scene = (() => {
   }
 
   function place(c, thing, x, y, least, heading) {
-    const roomy = thing.text && thing.text.length <= 2 && FILLED.includes(thing.form.shape);
+    const roomy = thing.text && thing.text.length <= 2 && FILLED.includes(thing.style.shape);
     const r = Math.max(roomy ? 6.5 : least, thing.size * view.scale);
-    shape(c, thing.form, x, y, r, heading);
+    shape(c, thing.style, x, y, r, heading);
     write(c, thing, x, y, r);
   }
 
@@ -179,7 +179,7 @@ const scene = (() => {
       c.lineWidth = line;
       c.stroke();
     };
-    c.strokeStyle = robot.look(tick).form.colour;
+    c.strokeStyle = robot.look(tick).style.colour;
     c.lineJoin = c.lineCap = "round";
     stretch(0, 1.2, 0.38);
     const recent = 0.06 * episode.ticks;
@@ -249,9 +249,9 @@ const scene = (() => {
     circle: "<circle r='5'/>", ring: "<circle r='5' class='open'/>", square: "<rect x='-5' y='-5' width='10' height='10' rx='2'/>",
     diamond: "<path d='M0-6L6 0L0 6L-6 0Z'/>", triangle: "<path d='M0-6L5 5L0 3L-5 5Z'/>", cross: "<path class='open' d='M-4-4L4 4M4-4L-4 4'/>",
   };
-  document.getElementById("legend").innerHTML = world.forms.map(({meaning, shape: sign, colour: paint}) =>
+  document.getElementById("legend").innerHTML = world.styles.map(({meaning, shape: sign, colour: paint}) =>
     `<span><svg viewBox="-7 -7 14 14" aria-hidden="true" style="color:${escaped(paint)}">${SIGNS[sign]}</svg>${escaped(meaning)}</span>`).join("");
-  if (!world.forms.length) document.getElementById("legend").remove();
+  if (!world.styles.length) document.getElementById("legend").remove();
   if (!robot) document.getElementById("follow").remove();
 
   return {canvas, view, draw, zoom, fit, hooks, robot,
