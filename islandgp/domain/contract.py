@@ -135,7 +135,9 @@ class ActionSample(NamedTuple):
 
     action: str  # text of the leaf, with its arguments
     succeeded: bool
-    start: tuple[float, ...]  # the blackboard at the start of the first of them
+    start: tuple[float, ...]
+    """The blackboard at the start of the first of them; () if another action succeeded right before
+    in the same tick, and this one ended in it."""
     end: tuple[float, ...]  # after its end; () if another action may have changed it
     points: float  # that the action earned, mean
     times: int  # executions, >= 1

@@ -14,6 +14,7 @@ from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.domain import ActionSample, Scene
 from islandgp.search.action_models import cell_of, without_numbers
 
+WAITING: Final = -1
 MAX_CELLS: Final = 12  # of an episode, by action and result
 
 
@@ -25,7 +26,7 @@ class _Execution:
     start: tuple[float, ...]
     known_start: bool  # False: an action before it in the same tick may have changed the world
     points: float = 0.0
-    status: int = RUNNING
+    status: int = RUNNING  # WAITING after its first tick
     known_end: bool = True
 
 
@@ -36,8 +37,9 @@ _Start = tuple[str, bool, tuple[float, ...]]
 class ActionObserver:
     """An `Observer` of one episode. The samples are a function of the episode alone.
 
-    The blackboard is read once a tick. So the start of an action is known if no other one ran or
-    succeeded before it in the same tick, and its end if no other one succeeded after it.
+    The blackboard is read once a tick. So the start of an action is that of its first tick if no
+    other one ran or succeeded before it in this tick, else that of its second tick. Its end is
+    known if no other one succeeded after it.
     """
 
     scenes = False
@@ -76,11 +78,14 @@ class ActionObserver:
         for place, status in self._calls:
             name, text = self._leaves[place]
             execution = self._running.pop(place, None) or _Execution(text, now, untouched)
+            if not execution.known_start and execution.status == WAITING:
+                execution.start, execution.known_start = now, True
             execution.points += self._credits.pop(name, 0.0)
             untouched = untouched and status == FAILURE
             for earlier in self._ended if status == SUCCESS else ():
                 earlier.known_end = False
             if status >= RUNNING:
+                execution.status = WAITING
                 self._running[place] = execution
             else:
                 execution.status = status
@@ -100,7 +105,7 @@ class ActionObserver:
         samples: dict[tuple[str, bool, tuple[int, ...]], ActionSample] = {}
         cells: Counter[tuple[str, bool]] = Counter()
         for (action, succeeded, start), (end, points, count) in self._seen.items():
-            cell = (action, succeeded, cell_of(start, self._vocabulary))
+            cell = (action, succeeded, cell_of(start, self._vocabulary) if start else ())
             if (known := samples.get(cell)) is not None:
                 n = known.times + count
                 mean = known.points + (points - known.points * count) / n
@@ -111,9 +116,8 @@ class ActionObserver:
         return tuple(samples.values())
 
     def _keep(self, execution: _Execution, after: tuple[float, ...]) -> None:
-        if not execution.known_start:
-            return
-        kind = (execution.action, execution.status == SUCCESS, execution.start)
+        start = execution.start if execution.known_start else ()
+        kind = (execution.action, execution.status == SUCCESS, start)
         end, points, count = self._seen.get(kind, ((), 0.0, 0))
-        end = end or (after if execution.known_end else ())
+        end = end or (after if execution.known_end and start else ())
         self._seen[kind] = (end, points + execution.points, count + 1)

@@ -115,8 +115,11 @@ def recorded(
 
     for sample in samples:
         kind = (sample.action, sample.succeeded)
-        cells, key = side(kind), cell_of(sample.start, vocabulary)
+        cells = side(kind)
         counts[kind] += sample.times
+        if not sample.start:
+            continue
+        key = cell_of(sample.start, vocabulary)
         before = cells.pop(key, None) or Cell(sample.start, (), 0.0, 0)
         n = before.count + sample.times
         points = before.points + (sample.points - before.points) * sample.times / n
@@ -150,7 +153,8 @@ class ActionModel:
     points: float = 0.0  # of a success, mean
     succeeded: int = 0
     failed: int = 0
-    ends: int = 0  # cells of successes of which it is known what they changed
+    starts: int = 0  # cells of successes
+    ends: int = 0  # of these, of which it is known what they changed
 
     @property
     def understood(self) -> bool:
@@ -162,6 +166,8 @@ class ActionModel:
         """For reports and prompts: `HandOver needs carrying; gives not carrying; ...`."""
         if not self.succeeded:
             return f"{self.text} never succeeded in {self.failed:,} starts"
+        if not self.starts:
+            return f"{self.text} succeeded only in the tick of another action; needs unknown"
         moved = self.raises or {}
         gives = [*map(condition_text, self.gives)]
         gives += [f"{'more' if up > 0 else 'less'} {key}" for key, up in moved.items()]
@@ -186,7 +192,8 @@ class Learner:
         """The model of an action; without successes, its declared conditions are its needs."""
         declared = self.vocabulary.action(action.action).to_start
         if not record.successes:
-            return ActionModel(action, text, declared, failed=record.failed)
+            succeeded, failed = record.succeeded, record.failed
+            return ActionModel(action, text, declared, succeeded=succeeded, failed=failed)
         useful = [c for c in record.successes if self._useful(c)]
         points = float(np.mean([c.points for c in record.successes]))
         ended = [c for c in useful if c.end]
@@ -202,6 +209,7 @@ class Learner:
             points,
             record.succeeded,
             record.failed,
+            len(record.successes),
             sum(bool(c.end) for c in record.successes),
         )
 

@@ -138,7 +138,7 @@ class PlanMaker:
         pick: Pick | None,
     ) -> None:
         self.space, self.models, self.memory, self.pick = plan.space, models, memory, pick
-        known = {text: m for text, m in models.items() if m.succeeded}
+        known = {text: m for text, m in models.items() if m.starts}
         self.planner = Planner(plan.vocabulary, known)
         self.goals = [m for m in known.values() if m.points > 0]
         leaves = {head(leaf): leaf for leaf in all_leaves(plan.vocabulary)}
