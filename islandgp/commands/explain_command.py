@@ -21,7 +21,7 @@ from islandgp.domain import Outcome
 from islandgp.plain import nan_to_none
 from islandgp.records.folder import RunFolder
 from islandgp.records.sentences import in_lines
-from islandgp.scoring.explain import Usage, explained, usage, with_counts, with_losses
+from islandgp.scoring.explain import NodeUsage, explained, usage, with_counts, with_losses
 
 
 @click.command()
@@ -82,7 +82,7 @@ def _learned(tree: Node, folder: Path) -> list[str]:
     return [s for s in learned if re.split(r"\W", s, maxsplit=1)[0] in actions]
 
 
-def _draw(tree: Node, usages: Sequence[Usage]) -> None:
+def _draw(tree: Node, usages: Sequence[NodeUsage]) -> None:
     """Draws the tree with the usage of each node."""
     from rich.text import Text
 

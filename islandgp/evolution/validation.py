@@ -29,7 +29,7 @@ from islandgp.scoring.constraints import (
     mean_violation,
     merit,
 )
-from islandgp.scoring.explain import Usage
+from islandgp.scoring.explain import NodeUsage
 from islandgp.seeding import Stream, seed_of, stream
 
 FINALISTS: Final = 3  # candidates of the last round
@@ -38,7 +38,7 @@ WORLDS_EACH: Final = 5  # per candidate, if there are too few episodes for all c
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class TreeComparison:
     """The paired differences of a tree to another one in the same worlds."""
 
     name: str  # of the other tree
@@ -56,7 +56,7 @@ class Validation:
     low: NanAsNull  # 95 % interval of the mean, Student's t
     high: NanAsNull
     reached: dict[str, float]  # share of the worlds by tier
-    comparisons: tuple[Comparison, ...] = ()  # with other trees
+    comparisons: tuple[TreeComparison, ...] = ()  # with other trees
     violation: float | None = None  # of the constraints, by the counters' means; None: none
     feasible: float | None = None  # share of the worlds in which all are kept; None: none
 
@@ -67,7 +67,7 @@ class FrontTree:
 
     nodes: int
     tree: str  # canonical text
-    difference: Comparison | None  # to the longest tree in fresh worlds; None for the longest
+    difference: TreeComparison | None  # to the longest tree in fresh worlds; None for the longest
     chosen: bool = False  # True: the best robot
 
 
@@ -83,7 +83,7 @@ class Best:
     front: tuple[FrontTree, ...] = ()  # the shortest first; (): it was not shortened
     changes: tuple[str, ...] = ()  # from the individual's tree to the shortest one
     chosen_in: tuple[int, ...] = ()  # worlds in which it was chosen and shortened
-    usage: tuple[Usage, ...] = ()  # by node of the tree; (): it was not explained
+    usage: tuple[NodeUsage, ...] = ()  # by node of the tree; (): it was not explained
 
 
 def validation_seeds(
@@ -207,7 +207,7 @@ def judged(
     return replace(verdict, violation=mean_violation(outcomes, constraints), feasible=share)
 
 
-def compared(name: str, outcomes: Sequence[Outcome], others: Sequence[Outcome]) -> Comparison:
+def compared(name: str, outcomes: Sequence[Outcome], others: Sequence[Outcome]) -> TreeComparison:
     """The paired differences of outcomes to those of the tree of that name."""
     pairs = [a.fitness - b.fitness for a, b in zip(outcomes, others, strict=True)]
-    return Comparison(name, *interval(pairs))
+    return TreeComparison(name, *interval(pairs))

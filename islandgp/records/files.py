@@ -23,7 +23,7 @@ from islandgp.gp.record import Champion, Cost, GenerationRecord, IndividualRecor
 from islandgp.records.lines import Lines, dump
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.curriculum import Curriculum
-from islandgp.scoring.explain import Usage
+from islandgp.scoring.explain import NodeUsage
 
 
 @dataclass(frozen=True, slots=True)
@@ -36,7 +36,7 @@ class _Best:
     front: tuple[FrontTree, ...]  # the shortest first; (): it was not shortened
     changes: tuple[str, ...]
     chosen_in: tuple[int, ...]  # worlds
-    usage: tuple[Usage, ...] = ()  # by node of the tree; (): it was not explained
+    usage: tuple[NodeUsage, ...] = ()  # by node of the tree; (): it was not explained
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,8 +22,8 @@ from islandgp.evolution.candidates import (
 from islandgp.evolution.prune import Keep, PruneResult, prune
 from islandgp.evolution.validation import (
     Best,
-    Comparison,
     FrontTree,
+    TreeComparison,
     Validation,
     entrants,
     fresh_worlds,
@@ -35,7 +35,7 @@ from islandgp.gp.evidence import SHRINKAGE
 from islandgp.intervals import interval
 from islandgp.records.folder import RunFolder
 from islandgp.running.totals import RunTotals
-from islandgp.scoring.explain import Usage, explained, usage, with_losses
+from islandgp.scoring.explain import NodeUsage, explained, usage, with_losses
 from islandgp.supervision.library import library_folder, read_tree
 
 TEST_WORLDS = 50  # in which the best robot is tested, at most
@@ -186,7 +186,7 @@ def _usages(
     worlds: Sequence[int],
     stage: int,
     episodes: int,
-) -> list[Usage]:
+) -> list[NodeUsage]:
     """What each node of the tree does, and is worth; [] if episodes are few."""
     count = min(EXPLAIN_WORLDS, episodes // (size(tree) + 1), len(worlds))
     if count < 2:
@@ -201,7 +201,10 @@ def _front(pruned: PruneResult) -> tuple[FrontTree, ...]:
     if not pruned.front:
         return ()
     entries = [
-        *((c.tree, Comparison("the longest tree", *interval(c.differences))) for c in pruned.front),
+        *(
+            (c.tree, TreeComparison("the longest tree", *interval(c.differences)))
+            for c in pruned.front
+        ),
         (pruned.original, None),
     ]
     return tuple(

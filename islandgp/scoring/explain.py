@@ -33,7 +33,7 @@ Run = Callable[[Node, int, Observer | None], Outcome]
 
 
 @dataclass(frozen=True, slots=True)
-class Loss:
+class NodeLoss:
     """Points that a tree loses without a node: means of paired differences, with a 95 % interval.
 
     Negative points are a gain.
@@ -45,7 +45,7 @@ class Loss:
 
 
 @dataclass(frozen=True, slots=True)
-class Usage:
+class NodeUsage:
     """What one node does in an episode: means over the worlds. A guard runs if its child does."""
 
     worlds: float  # share of the worlds in which it ran, 0 to 1
@@ -54,7 +54,7 @@ class Usage:
     failures: float
     aborts: float  # how often it was running and was stopped
     points: float  # that the actions below it earned
-    loss: Loss | None = None  # without the node; None: it cannot be removed alone
+    loss: NodeLoss | None = None  # without the node; None: it cannot be removed alone
 
 
 class _Counter:
@@ -84,7 +84,7 @@ class _Counter:
         """See `Observer`."""
 
 
-def usage(run: Run, tree: Node, worlds: Sequence[int]) -> list[Usage]:
+def usage(run: Run, tree: Node, worlds: Sequence[int]) -> list[NodeUsage]:
     """What each node of a tree does, in document order.
 
     Args:
@@ -108,10 +108,10 @@ def usage(run: Run, tree: Node, worlds: Sequence[int]) -> list[Usage]:
     return usages
 
 
-def _usage(counters: Sequence[_Counter], place: int, end: int) -> Usage:
+def _usage(counters: Sequence[_Counter], place: int, end: int) -> NodeUsage:
     """The means over episodes of the node at a place; its descendants come before `end`."""
     counts = [counter.counts[place] for counter in counters]
-    return Usage(
+    return NodeUsage(
         worlds=fmean(any(own) for own in counts),
         ticks=fmean(sum(own[:ABORTED]) for own in counts),
         successes=fmean(own[SUCCESS] for own in counts),
@@ -122,12 +122,12 @@ def _usage(counters: Sequence[_Counter], place: int, end: int) -> Usage:
 
 
 def with_losses(
-    usages: Sequence[Usage],
+    usages: Sequence[NodeUsage],
     tree: Node,
     evaluate: Evaluate,
     worlds: Sequence[int],
     leave_out: Collection[int] = (),
-) -> list[Usage]:
+) -> list[NodeUsage]:
     """Adds what the tree loses without each node.
 
     Args:
@@ -147,13 +147,15 @@ def with_losses(
     }
     original, *outcomes = evaluate([tree, *shorter.values()], worlds)
     losses = {
-        place: Loss(*interval([a.fitness - b.fitness for a, b in zip(original, own, strict=True)]))
+        place: NodeLoss(
+            *interval([a.fitness - b.fitness for a, b in zip(original, own, strict=True)])
+        )
         for place, own in zip(shorter, outcomes, strict=True)
     }
     return [replace(u, loss=losses.get(place)) for place, u in enumerate(usages)]
 
 
-def in_words(u: Usage) -> str:
+def in_words(u: NodeUsage) -> str:
     """One line on a node's usage, for comments and tables."""
     if not u.worlds:
         return "never runs"
@@ -170,14 +172,14 @@ def in_words(u: Usage) -> str:
     return ", ".join(parts)
 
 
-def with_counts(u: Usage) -> str:
+def with_counts(u: NodeUsage) -> str:
     """One line on a node's usage, with its ticks and results in an episode."""
     counts = f"{u.ticks:,.0f} ticks, {u.successes:,.0f} succeeded, {u.failures:,.0f} failed; "
     return (counts if u.worlds else "") + in_words(u)
 
 
 def explained(
-    tree: Node, usages: Sequence[Usage], words: Callable[[Usage], str] = in_words
+    tree: Node, usages: Sequence[NodeUsage], words: Callable[[NodeUsage], str] = in_words
 ) -> Node:
     """The tree with a comment above each branch.
 

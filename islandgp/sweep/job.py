@@ -24,7 +24,7 @@ from islandgp.records.parameters import without_credentials
 from islandgp.running.printing import tolerant_stderr
 from islandgp.running.run import run
 from islandgp.sweep.folder import SweepJob
-from islandgp.sweep.progress import Start, job_line, sweep_line
+from islandgp.sweep.progress import SweepStart, job_line, sweep_line
 
 SEPARATE_OUTPUT: Final = frozenset({"BasicLauncher", "SlurmLauncher"})
 """Launchers whose jobs have their own terminal or log."""
@@ -41,7 +41,7 @@ class Forget(Callback):
         job_return.cfg = job_return.hydra_cfg = None
 
 
-def sweep_job(start: Start) -> Callable[[DictConfig], None]:
+def sweep_job(start: SweepStart) -> Callable[[DictConfig], None]:
     """The function that Hydra calls for each job.
 
     It does not raise an exception if a job fails, as some launchers would end the other jobs. The
@@ -74,7 +74,7 @@ def attempt(
     settings: Settings,
     home: Path,
     command: str,
-    start: Start,
+    start: SweepStart,
 ) -> None:
     """Runs a job of a sweep. Its folder has the result or the error.
 

@@ -21,7 +21,7 @@ PERIOD: Final = 1.0  # s between two updates
 
 
 @dataclass(frozen=True, slots=True)
-class Start:
+class SweepStart:
     """State of a sweep at its start. It is sent to the jobs, so it has plain values only."""
 
     at: float  # s since 1970, by this process's clock
@@ -53,7 +53,7 @@ class Start:
         return file is not None and file != self.errors.get(str(run.path))
 
 
-def sweep_line(start: Start, beginning: RunFolder | None = None) -> str:
+def sweep_line(start: SweepStart, beginning: RunFolder | None = None) -> str:
     """A line with the numbers of finished, running and failed jobs, and the time left.
 
     The job of the folder `beginning` counts as running, unless it is finished.
@@ -108,7 +108,7 @@ def job_line(run: RunFolder) -> str:
 class Watch:
     """Shows the line while a launcher is at work. A context manager."""
 
-    def __init__(self, start: Start, mode: Literal["auto", "plain", "off"]) -> None:
+    def __init__(self, start: SweepStart, mode: Literal["auto", "plain", "off"]) -> None:
         """`auto` and `plain`: a line whenever a job has ended."""
         self.start = start
         self.mode = mode

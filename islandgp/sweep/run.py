@@ -32,7 +32,7 @@ from islandgp.running.report import MOSTLY_FALLBACK, is_mostly_fallback
 from islandgp.running.resume import choose, differences
 from islandgp.sweep.folder import SweepFolder, SweepJob
 from islandgp.sweep.job import sweep_entry, sweep_job
-from islandgp.sweep.progress import Start, Watch
+from islandgp.sweep.progress import SweepStart, Watch
 from islandgp.sweep.summary import arm_lines, arms, identical_arms, power_line
 
 Job = Callable[[DictConfig], Any]
@@ -147,7 +147,7 @@ def jobs_in(entries: Entries) -> list[tuple[RunFolder, SweepJob]]:
     ]
 
 
-def _launch_and_watch(path: Path, first: Planned, start: Start, launch: Launch) -> None:
+def _launch_and_watch(path: Path, first: Planned, start: SweepStart, launch: Launch) -> None:
     """Launches the jobs of the sweep in `path`, of which `first` is one; shows their progress."""
     if first.launcher == "JoblibLauncher":
         tie_joblib_workers()
@@ -165,7 +165,7 @@ def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> No
         RunError: the launcher has not started any job.
     """
     first = next(iter(entries))
-    start = Start.now(
+    start = SweepStart.now(
         {named: job for by_folder in entries.values() for named, job in by_folder.items()}
     )
     started = _start_times(start)
@@ -187,7 +187,7 @@ def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> No
             break
 
 
-def _start_times(start: Start) -> list[int]:
+def _start_times(start: SweepStart) -> list[int]:
     """Time of each job's last start, ns since 1970; 0 if it was never started."""
     files = (run.path / "about.json" for run in start.runs())
     return [file.stat().st_mtime_ns if file.exists() else 0 for file in files]

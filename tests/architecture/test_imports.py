@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from collections import Counter
 from itertools import chain, combinations
 from pathlib import Path
 
@@ -272,3 +273,10 @@ def test_no_global_random() -> None:
     assert [i.module for i in imports() if i.name == "random"] == []
     sources = {module_name(path): path.read_text(encoding="utf-8") for path in modules()}
     assert [name for name, text in sources.items() if "np.random.seed" in text] == []
+
+
+def test_a_class_has_a_name_of_its_own() -> None:
+    """No two modules of the package define classes of one name, but private ones."""
+    pattern = re.compile(r"^class ([A-Z]\w*)", re.MULTILINE)
+    names = [name for path in modules() for name in pattern.findall(path.read_text("utf-8"))]
+    assert sorted(name for name, count in Counter(names).items() if count > 1) == []

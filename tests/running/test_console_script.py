@@ -50,7 +50,9 @@ OVERRIDES = (
     "experiment=smoke",
     "gp.population=4",
     "gp.generations=2",
-    "world.episode.length=5",
+    "gp.validation=0",
+    "domain=cartpole",
+    "world.ticks=5",
     "tracking=off",
     "progress=off",
 )

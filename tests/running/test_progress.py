@@ -14,7 +14,7 @@ from islandgp.records.folder import RunFolder
 from islandgp.resources import program
 from islandgp.running.progress import Progress, columns, duration, fitting, row
 from islandgp.sweep.folder import SweepJob
-from islandgp.sweep.progress import Start, sweep_line
+from islandgp.sweep.progress import SweepStart, sweep_line
 from tests.samples import CLASSES
 from tests.tracking.folders import steps
 
@@ -172,4 +172,4 @@ def test_a_job_that_begins_counts_as_running(tmp_path: Path) -> None:
     """The line before it counts it, though it has not taken its folder yet."""
     runs = [RunFolder(tmp_path / name) for name in ("one", "two")]
     jobs = {run.path: SweepJob(run.path.name, run.path.name, "b", 1, (), 5, "") for run in runs}
-    assert "0 of 2 done, 1 running, 0 failed" in sweep_line(Start.now(jobs), runs[0])
+    assert "0 of 2 done, 1 running, 0 failed" in sweep_line(SweepStart.now(jobs), runs[0])

@@ -14,8 +14,8 @@ from islandgp.bt.core.printer import with_subtrees
 from islandgp.domain import Observer, Outcome
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.scoring.explain import (
-    Loss,
-    Usage,
+    NodeLoss,
+    NodeUsage,
     explained,
     explained_in_text,
     in_words,
@@ -39,12 +39,12 @@ selector {
 
 
 @pytest.fixture(scope="module")
-def usages() -> list[Usage]:
+def usages() -> list[NodeUsage]:
     """Of TREE on a short island, in two worlds."""
     return usage(composed("world.episode.length=60").problem().run(2), TREE, (3, 4))
 
 
-def test_counts_are_those_of_recordings(usages: list[Usage]) -> None:
+def test_counts_are_those_of_recordings(usages: list[NodeUsage]) -> None:
     """Successes, failures and aborts are means of what a recording of each world has."""
     problem = composed("world.episode.length=60").problem()
     recordings = [record(TREE, problem, seed=seed, stage=2) for seed in (3, 4)]
@@ -56,7 +56,7 @@ def test_counts_are_those_of_recordings(usages: list[Usage]) -> None:
             assert usages[place].aborts == fmean(c[STOPPED] for c in counts)
 
 
-def test_points_are_those_of_the_actions_below(usages: list[Usage]) -> None:
+def test_points_are_those_of_the_actions_below(usages: list[NodeUsage]) -> None:
     """A node earns what its children earn; a branch that never runs earns nothing."""
     root, never, _, garbage, *_ = usages
     assert root.points == pytest.approx(never.points + garbage.points + usages[-1].points)
@@ -73,15 +73,17 @@ def test_losses_are_paired_differences() -> None:
         picks = [any(n.action == "PickupGarbage" for n in walk(tree)) for tree in trees]
         return [[outcome(10.0 * (world + pick)) for world in worlds] for pick in picks]
 
-    blank = [Usage(1.0, 1.0, 1.0, 0.0, 0.0, 0.0)] * 8
+    blank = [NodeUsage(1.0, 1.0, 1.0, 0.0, 0.0, 0.0)] * 8
     losses = [u.loss for u in with_losses(blank, TREE, evaluate, (1, 2, 3))]
-    none, ten = Loss(0, 0, 0), Loss(10, 10, 10)
+    none, ten = NodeLoss(0, 0, 0), NodeLoss(10, 10, 10)
     assert losses == [None, none, None, ten, None, none, ten, none]
 
 
-def test_a_tree_with_comments_is_the_same_tree(usages: list[Usage]) -> None:
+def test_a_tree_with_comments_is_the_same_tree(usages: list[NodeUsage]) -> None:
     """Comments stand above branches that can be removed, and can be read again."""
-    known = [Usage(1.0, 1.0, 1.0, 0.0, 0.0, 1234.0, Loss(-50.0, -70.0, -30.0)) for _ in usages]
+    known = [
+        NodeUsage(1.0, 1.0, 1.0, 0.0, 0.0, 1234.0, NodeLoss(-50.0, -70.0, -30.0)) for _ in usages
+    ]
     text = with_subtrees(explained(TREE, known))
     assert parse(text, VOCABULARY) == TREE
     line = "  # runs in 100% of worlds, earns 1,234, without it +50 [+30, +70]"

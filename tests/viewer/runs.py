@@ -9,7 +9,7 @@ from typing import Any
 
 import yaml
 
-from islandgp.evolution.validation import Comparison, Validation
+from islandgp.evolution.validation import TreeComparison, Validation
 from islandgp.gp.archive import archive_record
 from islandgp.gp.record import Step
 from islandgp.records.archive_file import ArchiveFile
@@ -28,7 +28,7 @@ VALIDATION = Validation(
     low=10000.0,
     high=14000.0,
     reached={"excellent": 0.0, "complete": 2 / 3},
-    comparisons=(Comparison("tree all_rounder", -500.0, -900.0, -100.0),),
+    comparisons=(TreeComparison("tree all_rounder", -500.0, -900.0, -100.0),),
 )
 
 

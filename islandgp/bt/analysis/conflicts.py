@@ -38,6 +38,8 @@ def conflicts(tree: Node, vocabulary: Vocabulary) -> list[Conflict]:
     """The pairs of actions of a tree that share a resource and can run in the same tick."""
     if not any(action.uses for action in vocabulary.actions.values()):
         return []
+    if not any(len(node.children) > 1 and _joins(node) for node in walk(tree)):
+        return []
     found: list[Conflict] = []
     _users(tree, 0, vocabulary, found)
     return sorted(found)
@@ -71,12 +73,16 @@ def _users(node: Node, place: int, vocabulary: Vocabulary, found: list[Conflict]
     return [_above(node, user) for users in branches for user in users]
 
 
+def _joins(node: Node) -> bool:
+    """True if a node can run several of its children in one tick."""
+    kind = kind_of(node)
+    return kind.concurrent or kind.reactive or node.kind == "pipeline"
+
+
 def _together(node: Node, earlier: _User) -> bool:
     """True if a later child can run in a tick in which an action of an earlier one did."""
     kind = kind_of(node)
-    if kind.concurrent or node.kind == "pipeline":
-        return True
-    return kind.reactive and kind.advance_status in earlier.goes_on
+    return _joins(node) and (not kind.reactive or kind.advance_status in earlier.goes_on)
 
 
 def _above(node: Node, user: _User) -> _User:
