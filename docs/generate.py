@@ -47,7 +47,12 @@ COST = ROOT / "docs" / "llm" / "cost.md"
 STATE = ROOT / "docs" / "llm" / "state.md"
 
 _PART = re.compile(r"(<!-- begin (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
-_SORTS = {Sort.CONDITION: "KEY < 25", Sort.COUNT: "3", Sort.SECONDS: "2.5"}
+_SORTS = {
+    Sort.CONDITION: "KEY < 25",
+    Sort.COUNT: "3",
+    Sort.SECONDS: "2.5",
+    Sort.ASSIGNMENT: "KEY = KEY + 1",
+}
 _CHILDREN = {(0, 0): "none", (1, 1): "one", (2, 2): "two"}
 
 

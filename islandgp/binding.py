@@ -11,7 +11,7 @@ No configuration, run or simulator is needed.
 from __future__ import annotations
 
 import os
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from enum import IntEnum
@@ -23,13 +23,23 @@ from typing import Any, Final, Self
 
 from islandgp.bt.core.engine import ABORTED, compile_tree
 from islandgp.bt.core.language import domain_of, domain_place, parse, plain
-from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS, ActionArgs, Node, keys_in, walk
-from islandgp.bt.core.parameters import bound
+from islandgp.bt.core.node import (
+    AGAIN,
+    FAILURE,
+    RUNNING,
+    SUCCESS,
+    ActionArgs,
+    Node,
+    keys_in,
+    walk,
+    written_in,
+)
+from islandgp.bt.core.parameters import bound, referenced
 from islandgp.bt.core.source import Source, closest
 from islandgp.bt.core.vocabulary import Key, Vocabulary
 from islandgp.domain_files import class_vocabulary, domain_files
 from islandgp.errors import DomainError, OtherDomainError
-from islandgp.leaves import Leaf, is_flag, is_number, status_of, steps
+from islandgp.leaves import Leaf, is_flag, is_number, results_of, status_of, steps, with_arguments
 from islandgp.plugin import defined_in, short_repr
 from islandgp.text_files import read_text_file
 
@@ -63,8 +73,18 @@ class Tree:
         return [(args.name, _arguments(args, self.vocabulary)) for _, args in _leaves(self.node)]
 
     def keys(self) -> tuple[str, ...]:
-        """The blackboard keys that its conditions read, in document order, each once."""
-        return keys_in(self.node)
+        """The blackboard keys that it reads or writes, in document order, each once."""
+        known = self.vocabulary.keys if self.vocabulary else {}
+        values = (value for _, args in _leaves(self.node) for _, value in args.values)
+        references = (key for value in values if (key := referenced(value)) in known)
+        return tuple(dict.fromkeys((*keys_in(self.node), *references)))
+
+    def inputs(self) -> tuple[str, ...]:
+        """The keys that the program writes: those that neither trees nor actions write."""
+        own = written_in(self.node)
+        known = self.vocabulary.keys if self.vocabulary else {}
+        own |= {name for name, key in known.items() if key.writable}
+        return tuple(key for key in self.keys() if key not in own)
 
     def bind(
         self, leaves: object, keys: object = None, *, step_s: float | None = None
@@ -77,9 +97,9 @@ class Tree:
                 `islandgp.leaves` for functions and generator functions. When an action is
                 aborted, its generator is closed, and its function's method `stop()` is called
                 if it has one.
-            keys: a value for each blackboard key, by name: a number, True or False, one of the
-                key's words or its index, or a function that returns one. A mapping or an object;
-                read once per tick. None: the entries are in `leaves`.
+            keys: a value for each blackboard key that the tree does not write, by name: a number,
+                True or False, one of the key's words or its index, or a function that returns one.
+                A mapping or an object; read once per tick. None: the entries are in `leaves`.
             step_s: seconds between two ticks, > 0; required if the tree has a wait, a timeout or
                 a cooldown.
 
@@ -111,7 +131,7 @@ class Tree:
                 yield f"nothing for the action {args.name}"
             elif reason := _uncallable(entry, _arguments(args, self.vocabulary)):
                 yield f"for the action {args.name}, {reason}{defined_in(entry)}"
-        for key in self.keys():
+        for key in self.inputs():
             entry = _entry(sources["key"], key)
             if entry is None:
                 yield f"nothing for the key {key}"
@@ -150,7 +170,11 @@ class RobotTree:
         self._key_names = tree.keys()
         self._known = tree.vocabulary.keys if tree.vocabulary else {}
         self._ticking = Lock()
-        self._board = [0.0] * len(self._key_names)
+        self._places = {name: place for place, name in enumerate(self._key_names)}
+        self._inputs = {name: self._places[name] for name in tree.inputs()}
+        self._board = [
+            0.0 if name not in self._known else self._known[name].start for name in self._key_names
+        ]
         self._start()
 
     def tick(self) -> NodeStatus:
@@ -167,7 +191,7 @@ class RobotTree:
         if not self._ticking.acquire(blocking=False):
             raise self._nested("tick")
         try:
-            for place, name in enumerate(self._key_names):
+            for name, place in self._inputs.items():
                 self._board[place] = _value(self._keys, name, self._known.get(name))
             self.statuses = [None] * len(self.statuses)
             return _STATUSES[self._tick()]
@@ -223,16 +247,30 @@ class RobotTree:
             vocabulary = self.tree.vocabulary
             asks = vocabulary is not None and vocabulary.action(args.name).condition
             leaf = self._leaves[args.name]
-            leaves.append(_RunningLeaf(args.name, leaf, arguments, condition=asks))
+            write = None if vocabulary is None else partial(self._write, args.name, vocabulary)
+            call = with_arguments(leaf, arguments, self._places, self._value_of)
+            leaves.append(_RunningLeaf(args.name, leaf, call, write, condition=asks))
             return leaves[-1]
 
         node = self.tree.node
-        key_index = {name: index for index, name in enumerate(self._key_names)}
         self._tick = compile_tree(
-            node, leaf_of, self._board, key_index, watch=self._watch, step_s=self._step_s
+            node, leaf_of, self._board, self._places, watch=self._watch, step_s=self._step_s
         )
         self._by_place = dict(zip([place for place, _ in _leaves(node)], leaves, strict=True))
         self.statuses = self.statuses or [None] * sum(1 for _ in walk(node))
+
+    def _value_of(self, key: str) -> object:
+        """The present value of a key, as an argument of an action."""
+        vocabulary, number = self.tree.vocabulary, self._board[self._places[key]]
+        return number if vocabulary is None else vocabulary.value(key, number)
+
+    def _write(self, action: str, vocabulary: Vocabulary, result: object) -> object:
+        """Writes the keys that an action returns; see `leaves.results_of`."""
+        values, status = results_of(result, action, vocabulary)
+        for key, value in values.items():
+            if key in self._places:
+                self._board[self._places[key]] = value
+        return status
 
     def _watch(self, place: int, status: int) -> None:
         self.statuses[place] = _STATUSES[status]
@@ -244,15 +282,24 @@ class _RunningLeaf:
     """One leaf of a tree: its action's function, with a separate generator."""
 
     def __init__(
-        self, name: str, leaf: Leaf, arguments: Mapping[str, object], *, condition: bool
+        self,
+        name: str,
+        leaf: Leaf,
+        call: Leaf,
+        write: Callable[[object], object] | None,
+        *,
+        condition: bool,
     ) -> None:
+        self._write = write
         self._name, self._leaf, self._condition = name, leaf, condition
-        self._steps = steps(partial(leaf, **arguments) if arguments else leaf)
+        self._steps = steps(call)
         self.running = False  # also while its function is called and after it raised
 
     def __call__(self, fresh: bool) -> int:
         self.running = True
         result = self._steps(fresh)
+        if self._write is not None and isinstance(result, Mapping):
+            result = self._write(result)
         status = status_of(result, self._name, self._leaf, condition=self._condition)
         self.running = status == RUNNING
         return status

@@ -19,7 +19,7 @@ from __future__ import annotations
 from bisect import bisect_left
 from collections.abc import Callable, Mapping
 from copy import copy
-from functools import cache, partial, wraps
+from functools import cache, wraps
 from math import isfinite
 from threading import local
 from typing import Any, ClassVar, ParamSpec, Protocol, Self, TypeVar
@@ -37,7 +37,7 @@ from islandgp.domain.event_log import EventLog
 from islandgp.domain.rewards import RewardTable
 from islandgp.domain.sensors import SensorFaults
 from islandgp.errors import DomainError
-from islandgp.leaves import GeneratorSteps, Leaf, status_of, steps
+from islandgp.leaves import GeneratorSteps, Leaf, results_of, status_of, steps, with_arguments
 from islandgp.plugin import defined_in, short_repr
 from islandgp.time_limit import Overdue
 
@@ -194,10 +194,11 @@ class SimulatorDomain:
             episode: a `Simulation`.
 
         Returns:
-            A function that returns the present values in the vocabulary's order. It raises
-            DomainError unless `sense` returns a finite number for each key.
+            A function that returns the present values in the vocabulary's order, without keys that
+            trees write. It raises DomainError unless `sense` returns a finite number for each.
         """
-        sense, keys = episode.sense, self.schema.vocabulary.keys
+        sense = episode.sense
+        keys = {n: key for n, key in self.schema.vocabulary.keys.items() if not key.writable}
         enumerated = {name: key for name, key in keys.items() if key.words}
 
         def read() -> list[float]:
@@ -227,8 +228,12 @@ class SimulatorDomain:
         step, measures = getattr(episode, "step", str), getattr(episode, "measures", dict)
         draws = observer is not None and wants_scenes(observer)
         scene = getattr(episode, "scene", lambda: None) if draws else lambda: None
-        key_index = self.schema.vocabulary.key_index
-        board = [0.0] * len(key_index)
+        vocabulary = self.schema.vocabulary
+        key_index, initial = vocabulary.key_index, vocabulary.initial
+        board = [initial.get(place, 0.0) for place in range(len(key_index))]
+        sensed = {n: key for n, key in vocabulary.keys.items() if not key.writable}
+        places = [key_index[name] for name in sensed]
+        leaves.board = board
         watch = None if observer is None else observer.node
         tick = compile_tree(
             tree,
@@ -241,10 +246,15 @@ class SimulatorDomain:
         )
         read, see = self.reader(episode), None
         if self.faults is not None:
-            see = self.faults.sensors(self.schema.vocabulary.keys, seed)
+            see = self.faults.sensors(sensed, seed)
         done, ending, most = 0, "", self.world.ticks
         while not ending and done < most:
-            board[:] = read() if see is None else see(read())
+            values = read() if see is None else see(read())
+            if initial:
+                for place, value in zip(places, values, strict=True):
+                    board[place] = value
+            else:
+                board[:] = values
             tick()
             done += 1
             if observer is not None:
@@ -297,13 +307,16 @@ class _Leaves:
         self._leaves, self._vocabulary, self._log = leaves, vocabulary, log
         self._generators: list[tuple[int, str, GeneratorSteps]] = []  # number of the leaf, action
         self._leaf_count = 0  # leaves so far, in document order
+        self.board: list[float] = []
 
     def tick_of(self, args: ActionArgs) -> Tick:
         """The tick function of a leaf; the arguments are passed by name."""
         name, log = args.name, self._log
         leaf: Leaf = self._leaves[name]
         if arguments := self._vocabulary.action(name).arguments:
-            leaf = partial(leaf, **bound(args, arguments))
+            leaf = with_arguments(
+                leaf, bound(args, arguments), self._vocabulary.keys, self._value_of
+            )
         call = steps(leaf)
         if isinstance(call, GeneratorSteps):
             self._generators.append((self._leaf_count, name, call))
@@ -319,9 +332,16 @@ class _Leaves:
             log.action = ""
             if status is True:
                 return SUCCESS
+            values, status = results_of(status, name, self._vocabulary)
+            for key, value in values.items():
+                self.board[self._vocabulary.key_index[key]] = value
             return status_of(status, name, self._leaves[name])
 
         return tick
+
+    def _value_of(self, key: str) -> object:
+        vocabulary = self._vocabulary
+        return vocabulary.value(key, self.board[vocabulary.key_index[key]])
 
     def stopper(self, tree: Node) -> Callable[[int, int], None]:
         """A function that stops the generators of a part of the tree, given by its positions."""

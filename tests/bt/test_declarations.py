@@ -69,6 +69,7 @@ def test_arguments_are_as_declared(kind: str) -> None:
         "action": "PatrolWaypoint",
         **{k: f"{k} 2 {{ PatrolWaypoint }}" for k in (*COUNTED, *TIMED)},
         "always": "always success",
+        "set": "set lap = lap + 1",
         "recovery": "recovery 2 { PatrolWaypoint PatrolWaypoint }",
         "when": "when lap > 1 { PatrolWaypoint }",
     }

@@ -20,6 +20,7 @@ from random import Random
 from tempfile import TemporaryDirectory
 from typing import Final, NamedTuple
 
+from islandgp.bt.core.arithmetic import Formula, Named, Operation, Term
 from islandgp.bt.core.condition import (
     FLAG_OPERATORS,
     OPERATORS,
@@ -45,6 +46,7 @@ from islandgp.bt.core.node import (
     Node,
     ParallelArgs,
     SecondsArgs,
+    SetArgs,
     as_subtree,
     leaf,
     walk,
@@ -202,6 +204,39 @@ def comparing_keys(number: int) -> Iterator[Case]:
         yield case._replace(tree=visit(case.tree))
 
 
+def random_assignment(rng: Random) -> Node:
+    """A `set` of a flag or a small number."""
+    names = [*VOCABULARY.keys]
+    key = rng.choice(names)
+    alike = [n for n in names if n != key and VOCABULARY.keys[n].flag == VOCABULARY.keys[key].flag]
+    if rng.random() < 0.3:
+        return Node("set", SetArgs(Condition(key, "=", 0.0, rng.choice(alike))))
+    if VOCABULARY.keys[key].flag:
+        at = rng.randint(0, 1)
+        return Node("set", SetArgs(Condition(key, "=", Named(("no", "yes")[at], at))))
+    if rng.random() < 0.5:
+        return Node("set", SetArgs(Condition(key, "=", float(rng.randint(0, 4)))))
+    right: Term = rng.choice([float(rng.randint(1, 3)), rng.choice(alike)])
+    term = Operation(rng.choice("+-*"), (rng.choice([key, *alike]), right))
+    return Node("set", SetArgs(Condition(key, "=", 0.0, Formula(term))))
+
+
+def writing(number: int) -> Iterator[Case]:
+    """Random trees with a `set` before some of the children of composites."""
+    rng = Random("set")
+
+    def visit(node: Node) -> Node:
+        children: list[Node] = []
+        for child in map(visit, node.children):
+            if KINDS[node.kind].children[1] > 2 and rng.random() < 0.4:
+                children.append(random_assignment(rng))
+            children.append(child)
+        return node._replace(children=tuple(children))
+
+    for case in random_cases(number):
+        yield case._replace(tree=visit(case.tree))
+
+
 PLAIN: Final = ("selector", "sequence", "reactive_selector", "reactive_sequence", "inverter",
                 "force_success", "force_failure", "when")  # fmt: skip
 """Kinds whose plain form in BehaviorTree.CPP has no loss, unless a guard interrupts."""
@@ -342,8 +377,8 @@ def tried(cases: Iterable[Case], cpp: BehaviorTreeCpp) -> Row:
         library = partial(cpp.trace, tree, boards, results, plain=plain, restarting=plain)
         engines: tuple[Callable[[], Trace], ...] = (
             partial(in_py_trees, tree, boards, results, PLACES),
-            partial(library, how="exactly"),
-            partial(library, how="once"),
+            partial(library, tick_function="exactly"),
+            partial(library, tick_function="once"),
         )
         differences = [differing(expected, run) for run in engines]
         row.trees += 1
@@ -367,6 +402,7 @@ def groups() -> Iterator[tuple[str, Iterable[Case]]]:
         ),
     )
     yield "random trees that compare two keys", comparing_keys(300)
+    yield "random trees that write keys", writing(1000)
     for kind in (kind for kind in INNER if kind not in NAV2):
         yield f"random trees with `{kind}`", cases_with(kind, 50)
     for kind in (kind for kind in INNER if kind in NAV2):

@@ -20,7 +20,7 @@ from functools import lru_cache
 from typing import Final, NamedTuple
 
 from islandgp.bt.analysis.satisfiability import Conditions, excludes, implies
-from islandgp.bt.core.condition import combine, opposite, terms
+from islandgp.bt.core.condition import ConditionExpr, combine, opposite, terms
 from islandgp.bt.core.kinds import advance_status, kind_of
 from islandgp.bt.core.node import (
     FAILURE,
@@ -34,6 +34,8 @@ from islandgp.bt.core.node import (
     comments_of,
     count_of,
     guard_of,
+    names_in,
+    written_in,
 )
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
 
@@ -48,11 +50,23 @@ class NodeContext(NamedTuple):
     at_start: Conditions = ()  # in the tick in which it starts; `always` is part of it
     when_observed: Conditions | None = None  # where its guards are observed; None: nowhere
     vocabulary: Vocabulary = EMPTY_VOCABULARY  # the declared actions and keys
+    written: frozenset[str] = frozenset()  # keys that change within a tick
+
+    def facts(self, *conditions: ConditionExpr) -> Conditions:
+        """The conditions that still hold later in the tick: those without a written key."""
+        if not self.written:
+            return conditions
+        return tuple(
+            c for c in conditions if self.written.isdisjoint(k for t in terms(c) for k in t.keys)
+        )
 
 
-def root_context(vocabulary: Vocabulary) -> NodeContext:
+def root_context(tree: Node, vocabulary: Vocabulary) -> NodeContext:
     """The context of the root of a tree."""
-    return NodeContext(vocabulary.always, vocabulary.always, None, vocabulary)
+    written = written_in(tree).union(*(vocabulary.action(n).sets for n in names_in(tree)[0]))
+    context = NodeContext((), (), None, vocabulary, written)
+    always = context.facts(*vocabulary.always)
+    return context._replace(always=always, at_start=always)
 
 
 def child_context(node: Node, context: NodeContext, index: int) -> NodeContext:
@@ -73,10 +87,10 @@ def _child_contexts(node: Node, context: NodeContext) -> Iterator[NodeContext]:
     elif kind.reactive:
         yield from _in_each_tick(node, context)
     elif node.guard:
-        holds = node.guard.condition
+        holds = context.facts(node.guard.condition)
         if node.guard.checks_itself:
-            always = (*always, holds)
-        yield context._replace(always=always, at_start=(*context.at_start, holds))
+            always = (*always, *holds)
+        yield context._replace(always=always, at_start=(*context.at_start, *holds))
     elif kind.concurrent:
         yield from [context._replace(when_observed=None)] * len(node.children)
     elif kind.opaque:
@@ -104,7 +118,7 @@ def _in_order(node: Node, context: NodeContext) -> Iterator[NodeContext]:
         if index == last:
             return
         facts = end_facts(child, here, advance) or ()
-        quiet = _while_later_runs(child, (*always, *facts))
+        quiet = context.facts(*_while_later_runs(child, (*always, *facts)))
         always = (*always, *quiet)
         same_tick = here.at_start if ends_at_once(child, here) else ()
         entered = (*always, *(each for each in (*same_tick, *facts) if each not in always))
@@ -269,11 +283,11 @@ def _guard_end(
     facts = None if never(guard, context) else end_facts(child, inside, status)
     if status == SUCCESS:
         if facts is not None and (guard.checks_itself or ends_at_once(child, inside)):
-            return (*facts, guard.condition)
+            return (*facts, *context.facts(guard.condition))
         return facts
     if always_holds(guard, context):
         return facts
-    return _either([(opposite(guard.condition),), facts])
+    return _either([context.facts(opposite(guard.condition)), facts])
 
 
 def _composite_end(node: Node, context: NodeContext, status: int) -> Conditions | None:

@@ -124,7 +124,7 @@ def warnings(
     """
     tree, source, file = parse_placed(text, vocabulary, name=name, folder=folder)
     never_run: set[int] = set()  # places below a node that never runs: one warning is enough
-    places = list(_places(tree, root_context(vocabulary), ()))
+    places = list(_places(tree, root_context(tree, vocabulary), ()))
     undone = cache(partial(_undone_changes, places))
     doubts: dict[tuple[int, str], dict[int, str]] = {}  # by origin and code: message by place
     for index, place in enumerate(places):

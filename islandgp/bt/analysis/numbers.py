@@ -134,6 +134,8 @@ class _SlotReader:
                     elif part.type in ("NAME", "NUMBER"):  # or a key, which has no number
                         label = " ".join(str(each) for each in parts if hasattr(each, "type"))
                         yield _Slot(f"in {label}", frozenset({WEIGHT}), part)
+            case "assignment", _:
+                return  # a tree may rely on its values elsewhere
             case "use", [name, passed]:
                 yield from self._use(str(name), passed.children)
             case "action", [name, values]:

@@ -260,7 +260,7 @@ def _rules(kind: NodeKind) -> tuple[Callable[[Node, NodeContext], Rewrite], ...]
 
 RULES: Final = {name: _rules(kind) for name, kind in KINDS.items()}
 
-Place: TypeAlias = tuple[Node, Conditions, Conditions, Conditions | None]
+Place: TypeAlias = tuple[Node, Conditions, Conditions, Conditions | None, frozenset[str]]
 """A node with its context, without the vocabulary."""
 
 MAX_SHORT: Final = 20_000  # most nodes in this cache
@@ -288,14 +288,14 @@ def simplify(tree: Node, vocabulary: Vocabulary = EMPTY_VOCABULARY) -> Simplifie
     short, reasons = _short[1], list[str]()
     while True:
         before = len(reasons)
-        tree = _visit(tree, root_context(vocabulary), reasons, short)
+        tree = _visit(tree, root_context(tree, vocabulary), reasons, short)
         if len(reasons) == before:
             return Simplified(tree, tuple(reasons))
 
 
 def _visit(node: Node, context: NodeContext, reasons: list[str], short: set[Place]) -> Node:
     """Rewrites nodes from the root down, so the context of a node stays valid."""
-    before, place = len(reasons), (node, *context[:3])
+    before, place = len(reasons), (node, *context[:3], context.written)
     if place in short:
         return node
     while (rewrite := _first(node, context)) is not None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from decimal import Decimal
 from math import inf, isnan
 from typing import Final, NamedTuple, Self, TypeAlias
@@ -129,6 +129,13 @@ def bounds(term: Term, ranges: Mapping[str, tuple[float, float]]) -> tuple[float
         case _:
             ends = (a / c, a / d, b / c, b / d)
     return (-inf, inf) if any(map(isnan, ends)) else (min(ends), max(ends))
+
+
+def is_whole(term: Term, keys: Collection[str]) -> bool:
+    """True if the value of a term is a whole number, as those of `keys` are."""
+    if isinstance(term, Operation):
+        return term.sign != "/" and all(is_whole(part, keys) for part in term.parts)
+    return term in keys if isinstance(term, str) else term % 1 == 0
 
 
 def _text(term: Term, level: int) -> str:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from typing import NamedTuple, Protocol, TypeAlias
 
-from islandgp.bt.core.condition import ConditionExpr
+from islandgp.bt.core.condition import Condition, ConditionExpr
 from islandgp.bt.core.node import (
     AGAIN,
     FAILURE,
@@ -19,6 +19,7 @@ from islandgp.bt.core.node import (
     AlwaysArgs,
     Node,
     ParallelArgs,
+    SetArgs,
     count_of,
     guard_of,
 )
@@ -80,6 +81,9 @@ class Compiler(Protocol):
 
     def action(self, args: ActionArgs) -> Tick:
         """The function of an action."""
+
+    def writer(self, assigned: Condition) -> Callable[[], None]:
+        """The function that writes a key."""
 
     def ticks(self, node: Node) -> int:
         """The seconds of a node as a number of ticks."""
@@ -363,6 +367,18 @@ def always(_: Compiler, node: Node, __: Observed | None) -> Tick:
     assert isinstance(node.args, AlwaysArgs)
     status = AGAIN if node.args.ends == RUNNING else node.args.ends
     return lambda _fresh: status
+
+
+def assign(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
+    """Writes a key and succeeds."""
+    assert isinstance(node.args, SetArgs)
+    write = compiler.writer(node.args.assigned)
+
+    def tick(_fresh: bool) -> int:
+        write()
+        return SUCCESS
+
+    return tick
 
 
 def when(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache
 from math import ceil, floor
-from typing import Final, NamedTuple, TypeAlias
+from typing import Any, Final, NamedTuple, TypeAlias
 
 from islandgp.bt.core.arithmetic import Formula, Term, divide, python, side
 
@@ -171,13 +171,22 @@ def condition(
 
     `key_index` is the index of each key on the board.
     """
-    if isinstance(expr, Compound):
-        return _compiled(_expression(expr, key_index))(board)
-    if not expr.single:
+    if isinstance(expr, Compound) or not expr.single:
         return _compiled(_expression(expr, key_index))(board)
     if expr.operator not in _CLOSURES:
         raise ValueError(_unknown_operator(expr.operator))
     return _CLOSURES[expr.operator](board, key_index[expr.key], expr.number)
+
+
+def assigned_value(
+    assigned: Condition, board: Board, key_index: Mapping[str, int]
+) -> Callable[[], float]:
+    """The value that a key gets: the right side of an assignment."""
+    if not assigned.other:
+        number = float(assigned.number)
+        return lambda: number
+    value: Callable[[], float] = _compiled(_source(assigned.other, key_index))(board)
+    return value
 
 
 _CLOSURES: Final[Mapping[str, Callable[[Board, int, float], Callable[[], bool]]]] = {
@@ -204,19 +213,20 @@ def _expression(expr: ConditionExpr, key_index: Mapping[str, int]) -> str:
     operator = {"is": "!=", "not": "=="}.get(expr.operator, expr.operator)
     if operator not in OPERATORS:
         raise ValueError(_unknown_operator(operator))
+    right = _source(expr.other, key_index) if expr.other else repr(float(expr.number))
+    return f"({_source(expr.key, key_index)} {operator} {right})"
 
-    def source(name: str) -> str:
-        term = name.term if isinstance(name, Formula) else name
-        return python(term, lambda key: f"board[{key_index[key]:d}]")
 
-    right = source(expr.other) if expr.other else repr(float(expr.number))
-    return f"({source(expr.key)} {operator} {right})"
+def _source(side: str, key_index: Mapping[str, int]) -> str:
+    """A key or a Formula as Python source."""
+    term = side.term if isinstance(side, Formula) else side
+    return python(term, lambda key: f"board[{key_index[key]:d}]")
 
 
 @lru_cache(maxsize=1024)
-def _compiled(expression: str) -> Callable[[Board], Callable[[], bool]]:
+def _compiled(expression: str) -> Callable[[Board], Callable[[], Any]]:
     # One closure for all parts: one call per part would make a tick two to five times slower.
-    function: Callable[[Board], Callable[[], bool]] = eval(
+    function: Callable[[Board], Callable[[], Any]] = eval(
         f"lambda board: lambda: {expression}", {"__builtins__": {}, "divide": divide}
     )
     return function

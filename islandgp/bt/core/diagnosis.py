@@ -8,7 +8,7 @@ from itertools import pairwise, takewhile
 from typing import TYPE_CHECKING
 
 from islandgp.bt.core.condition import OPERATORS
-from islandgp.bt.core.kinds import CALLABLE, COUNTED, GUARDS, KINDS, TIMED
+from islandgp.bt.core.kinds import CALLABLE, COUNTED, GUARDS, KINDS, SETTERS, TIMED
 from islandgp.bt.core.parameters import value_range
 from islandgp.bt.core.scope import ScopedWord
 from islandgp.bt.core.source import Source, closest, shown
@@ -95,7 +95,7 @@ def syntax_error(
             continue
         if word in parameters:
             continue
-        is_key = previous in (*GUARDS, "not", "and", "or", "(")
+        is_key = previous in (*GUARDS, *SETTERS, "not", "and", "or", "(")
         if is_key and word not in vocabulary.keys:
             return unknown_key(ScopedWord(word, source), vocabulary)
         if not is_key and word not in vocabulary.actions:
@@ -326,6 +326,9 @@ def _expected(
         if previous == "(" and len(accepted) == 1:
             defines = [*map(str, before[-3:-2])] == ["subtree"]
             return f"the name of {'a parameter' if defines else 'an argument'}", ()
+        if previous in SETTERS:
+            writable = [name for name, key in vocabulary.keys.items() if key.writable]
+            return f"a key that trees write: {', '.join(writable) or 'none'}", (*writable,)
         if previous in _NAMING:
             return f"the name of a {'subtree' if previous == 'use' else previous}", ()
         flags = tuple(name for name, key in vocabulary.keys.items() if key.flag)

@@ -2,17 +2,23 @@
 
 `docs/semantics.md` specifies the nodes. A node is a function of `fresh`: True starts it, False
 resumes it where it was RUNNING. So an abort does not visit the subtree: its next tick has
-`fresh=True`. The blackboard does not change within a tick, so checking guards on the way down from
-the root gives the same statuses as checking all of them at the start of the tick.
+`fresh=True`. Guards are checked on the way down from the root. Only a `set` changes the blackboard
+within a tick; what is ticked after it sees the new value.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import Final, SupportsFloat, TypeAlias
+from collections.abc import Callable, Mapping, MutableSequence
+from typing import Final, SupportsFloat, TypeAlias, cast
 
 from islandgp.bt.core.closures import Observed, ReportStopped, Tick
-from islandgp.bt.core.condition import Board, ConditionExpr, condition
+from islandgp.bt.core.condition import (
+    Board,
+    Condition,
+    ConditionExpr,
+    assigned_value,
+    condition,
+)
 from islandgp.bt.core.kinds import KINDS, needs_each_tick
 from islandgp.bt.core.node import AGAIN, RUNNING, ActionArgs, Node, SecondsArgs
 from islandgp.errors import DomainError
@@ -43,7 +49,7 @@ def compile_tree(
         actions: a function per action name in the tree, looked up once for each leaf; or a
             function that makes one from the arguments of a leaf. It is called with `fresh`: True
             if the leaf starts now, False if it was RUNNING in the tick before.
-        board: a value per key; the caller may change them between ticks only.
+        board: a value per key; the caller may change them between ticks only. A `set` writes it.
         key_index: index of each key in `board`, as `Vocabulary.key_index`.
         watch: called for each node that is ticked, children before parents, and with ABORTED for
             each running node that is stopped. None is fastest; then no node is reported, and aborts
@@ -73,9 +79,9 @@ def compile_tree(
             compiler.now += 1
         status = root(fresh)
         fresh = status < RUNNING
-        if compiler.stopped_midtick:
-            # The effect of the aborted action, such as driving, ends on the next tick.
-            compiler.stopped_midtick = False
+        if compiler.changed_midtick:
+            # The effect of an aborted action, such as driving, ends on the next tick.
+            compiler.changed_midtick = False
             return AGAIN if status == RUNNING else status
         return status
 
@@ -86,8 +92,16 @@ class _Compiler:
     """Turns nodes into closures, and numbers them in document order."""
 
     __slots__ = (
-        "_actions", "_board", "_key_index", "_running", "_step_s", "_stopped",
-        "_watch", "now", "report_stopped", "stopped_midtick",
+        "_actions",
+        "_board",
+        "_key_index",
+        "_running",
+        "_step_s",
+        "_stopped",
+        "_watch",
+        "changed_midtick",
+        "now",
+        "report_stopped",
     )  # fmt: skip
 
     def __init__(
@@ -108,7 +122,8 @@ class _Compiler:
         self._running: list[bool] = []  # by position
         self._stopped = stopped or _ignore
         self.report_stopped: ReportStopped = self._stopped if watch is None else self._watch_stopped
-        self.stopped_midtick = False  # True: an action was RUNNING in this tick and then aborted
+        self.changed_midtick = False
+        """True: in this tick an action was RUNNING and then aborted, or a key was written."""
 
     def compile(self, node: Node, observed: Observed | None) -> Tick:
         """The closure of a node; `observed` as in `Maker`."""
@@ -140,6 +155,17 @@ class _Compiler:
     def holds(self, expr: ConditionExpr) -> Callable[[], bool]:
         return condition(expr, self._board, self._key_index)
 
+    def writer(self, assigned: Condition) -> Callable[[], None]:
+        board, at = cast("MutableSequence[float]", self._board), self._key_index[assigned.key]
+        value = assigned_value(assigned, self._board, self._key_index)
+
+        def write() -> None:
+            before, board[at] = board[at], value()
+            if board[at] != before:  # a guard that was evaluated before may be false now
+                self.changed_midtick = True
+
+        return write
+
     def ticks(self, node: Node) -> int:
         assert isinstance(node.args, SecondsArgs)
         if self._step_s is None:
@@ -161,7 +187,7 @@ class _Compiler:
         return watched
 
     def stop_midtick(self, first: int, end: int) -> None:
-        self.stopped_midtick = True
+        self.changed_midtick = True
         self.report_stopped(first, end)
 
     def _watch_stopped(self, first: int, end: int) -> None:

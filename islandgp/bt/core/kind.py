@@ -21,6 +21,7 @@ class Sort(Enum):
     WORD = auto()  # one of `words`
     POLICY = auto()  # one of `words`, or a whole number within `range`
     VALUES = auto()  # of the arguments of an action
+    ASSIGNMENT = auto()  # a Condition with the operator =
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,6 +21,7 @@ from islandgp.bt.core.node import (
     Node,
     ParallelArgs,
     SecondsArgs,
+    SetArgs,
     walk,
 )
 
@@ -315,6 +316,19 @@ KINDS: Final[dict[str, NodeKind]] = {
         statuses=lambda args: frozenset({args.ends}),
         paper=False,
     ),
+    "set": NodeKind(
+        meaning="writes a key of the blackboard and succeeds; a tree reads the value at once",
+        children=(0, 0),
+        args=SetArgs,
+        arguments=(Argument("assigned", Sort.ASSIGNMENT),),
+        tick=closures.assign,
+        look=Look(
+            "\N{COLON EQUALS}", "green", "#e3f3df", "#3f7f2f", "ellipse", ("([", "])"), "round"
+        ),
+        statuses=lambda _: frozenset({SUCCESS}),
+        paper=False,
+        stock=Target("Script", ("code",), "SetKey({assignment}"),
+    ),
     "action": NodeKind(
         meaning="acts on the world",
         children=(0, 0),
@@ -352,6 +366,9 @@ TIMED: Final = tuple(n for n, k in KINDS.items() if k.args is SecondsArgs)
 GUARDS: Final = tuple(n for n, k in KINDS.items() if k.args is GuardArgs)
 """The kinds whose keyword is followed by a condition."""
 
+
+SETTERS: Final = tuple(n for n, k in KINDS.items() if k.args is SetArgs)
+"""The kinds whose keyword is followed by an assignment."""
 
 TARGETS: Final = {
     target.tag: (name, target)

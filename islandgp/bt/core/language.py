@@ -17,6 +17,7 @@ from islandgp.bt.core.builder import MAX_NODES as MAX_NODES
 from islandgp.bt.core.builder import Builder
 from islandgp.bt.core.condition import ConditionExpr
 from islandgp.bt.core.includes import ParsedFile, gathered
+from islandgp.bt.core.kind import Sort
 from islandgp.bt.core.kinds import CALLABLE, KINDS, RESERVED
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.printer import to_text as to_text
@@ -257,10 +258,16 @@ def _kind_rules() -> Iterator[str]:
     children = {(0, 0): "", (1, 1): "_child", (2, 2): '"{" _node _node "}"'}
     for name, kind in KINDS.items():
         if not kind.paper:
-            arguments = [" | ".join(map(str.upper, a.words)) or "_number" for a in kind.arguments]
+            arguments = [
+                "assignment"
+                if a.sort is Sort.ASSIGNMENT
+                else " | ".join(map(str.upper, a.words)) or "_number"
+                for a in kind.arguments
+            ]
             parts = [name.upper(), *map("({})".format, arguments)]
             parts.append(children.get(kind.children, "_children"))
             yield f"%extend _node: {name}"
             yield f"{name}: {' '.join(parts)}"
             words = {word for argument in kind.arguments for word in argument.words}
             yield from (f'{word.upper()}: "{word}"' for word in sorted({name, *words}))
+    yield 'assignment: NAME "=" sum'

@@ -106,6 +106,12 @@ class AlwaysArgs(NamedTuple):
         return ("failure", "success", "running").index(self.status)
 
 
+class SetArgs(NamedTuple):
+    """Arguments of a `set`."""
+
+    assigned: Condition  # with the operator =
+
+
 class UseArgs(NamedTuple):
     """Arguments of a `use` as it is written; an expanded tree has no such node."""
 
@@ -121,6 +127,7 @@ Args: TypeAlias = (
     | SecondsArgs
     | ParallelArgs
     | AlwaysArgs
+    | SetArgs
     | UseArgs
 )
 
@@ -223,12 +230,20 @@ def walk(node: Node) -> Iterator[Node]:
 
 
 def keys_in(tree: Node) -> tuple[str, ...]:
-    """The keys that the guards of a tree read, in document order, each once."""
-    return tuple(dict.fromkeys(key for term in asked_in(tree) for key in term.keys))
+    """The keys that a tree reads or writes, in document order, each once."""
+    assigned = (node.args.assigned for node in walk(tree) if isinstance(node.args, SetArgs))
+    return tuple(dict.fromkeys(key for term in (*asked_in(tree), *assigned) for key in term.keys))
+
+
+def written_in(tree: Node) -> frozenset[str]:
+    """The keys that a tree writes."""
+    return frozenset(
+        node.args.assigned.key for node in walk(tree) if isinstance(node.args, SetArgs)
+    )
 
 
 def names_in(tree: Node) -> tuple[set[str], set[str]]:
-    """The actions of a tree's leaves, and the keys that its guards read."""
+    """The actions of a tree's leaves, and the keys that it reads or writes."""
     actions: set[str] = set()
     keys: set[str] = set()
     nodes = [tree]
@@ -240,6 +255,8 @@ def names_in(tree: Node) -> tuple[set[str], set[str]]:
         elif isinstance(args, GuardArgs):
             for term in terms(args.condition):
                 keys.update(term.keys)
+        elif isinstance(args, SetArgs):
+            keys.update(args.assigned.keys)
     return actions, keys
 
 

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from math import inf
 from typing import Any, Final, TypeAlias
 
-from islandgp.bt.core.arithmetic import Formula, Operation, Term, bounds, negative
+from islandgp.bt.core.arithmetic import Formula, Named, Operation, Term, bounds, is_whole, negative
 from islandgp.bt.core.condition import Condition, ConditionExpr, combine, comparison, negate
 from islandgp.bt.core.kind import Argument, Sort
 from islandgp.bt.core.kinds import KINDS
 from islandgp.bt.core.node import ActionArgs, Node, UseArgs, Value
-from islandgp.bt.core.parameters import fits, value_range
+from islandgp.bt.core.parameters import NO_YES, fits, referenced, value_range
 from islandgp.bt.core.printer import Quoted, head, number_text
 from islandgp.bt.core.scope import Scope, ScopedWord
 from islandgp.bt.core.source import closest, shown
@@ -155,6 +156,51 @@ class _ConditionBuilder:
             f"unexpected {shown(first)}; a comparison begins with its key",
             expected="a key" + f": {keys}" * bool(keys),
         )
+
+    def assignment(self, token: _Token, right: Any) -> Condition:
+        """The assignment of a value to a key."""
+        name, word = self._scope.word(token), self._scope.word(_first_word(right))
+        single = not hasattr(right, "children")
+        key = None
+        if self._vocabulary is not None and not name.open:
+            key = self._vocabulary.keys.get(name.text)
+            if key is None or not key.writable:
+                from islandgp.bt.core.unknown_names import unwritable  # only for this error
+
+                raise unwritable(name, self._vocabulary)
+        if single and word.text in NO_YES and (key is None or key.flag):
+            return Condition(name.text, "=", Named(word.text, NO_YES.index(word.text)))
+        keys = self._vocabulary.keys if self._vocabulary else {}
+        if key is not None and (key.flag or (key.words and not single)):
+            alike = [n for n, each in keys.items() if each.kind == key.kind]
+            if not single or not (word.open or word.text in alike):
+                raise word.error(
+                    f"{name.text} is {key.kind}",
+                    expected=f"{' or '.join(key.words or NO_YES)}, or a key: {', '.join(alike)}",
+                )
+            return Condition(name.text, "=", 0.0, word.text)
+        if single:
+            assigned = self._comparison(name, key, "==", right)._replace(operator="=")
+        else:
+            assigned = comparison(name.text, "=", self._term(right, 1))
+        self._check_assigned(assigned, key, word)
+        return assigned
+
+    def _check_assigned(self, assigned: Condition, key: Key | None, word: ScopedWord) -> None:
+        """Raises TreeError unless a key can have a value; the range of a sum is not checked."""
+        if key is None or key.words or self._vocabulary is None or word.open:
+            return
+        low, most, other = key.low, inf if key.most is None else key.most, assigned.other
+        whole_keys = {name for name, each in self._vocabulary.keys.items() if each.whole}
+        term = other.term if isinstance(other, Formula) else other or assigned.number
+        if (not other and not low <= assigned.number <= most) or (
+            key.whole and not is_whole(term, whole_keys)
+        ):
+            kind = "a whole number" if key.whole else "a number"
+            raise word.error(
+                f"{assigned.key} can't be {other or number_text(assigned.number)}",
+                expected=f"{kind} of at least {low:g}" + f" and at most {most:g}" * (most < inf),
+            )
 
     def _comparable(self, name: str) -> list[str]:
         is_key = self._vocabulary is not None and name in self._vocabulary.keys
@@ -320,6 +366,15 @@ def _value(
     parameter = parameters[key]
     if word.open:
         return parameter.default
+    if token.type == "FILE" and (name := referenced(word.text)):
+        if not vocabulary.gives(name, parameter):
+            keys = [n for n in vocabulary.keys if vocabulary.gives(n, parameter)]
+            raise word.error(
+                f"{name} is not a key whose value {key} can have",
+                expected=f"a key: {', '.join(keys) or 'none'}; or {value_range(parameter)}",
+                guess=closest(name, keys),
+            )
+        return word.text
     value = scope.number(token) if parameter.numeric else word.text
     if not fits(parameter, value):
         raise word.error(
@@ -336,6 +391,8 @@ def _argument(
     """The value of a node's argument from its parse tree."""
     if argument.sort is Sort.CONDITION:
         return built_condition(tree, scope, vocabulary)
+    if argument.sort is Sort.ASSIGNMENT:
+        return _ConditionBuilder(scope, vocabulary).assignment(*tree.children)
     if argument.sort is Sort.SECONDS:
         return scope.seconds(kind, argument, tree)
     if argument.sort is Sort.COUNT:

@@ -157,6 +157,16 @@ def described(meaning: str, parameters: Mapping[str, Parameter], uses: Collectio
     return "; ".join([meaning, *lines, *used])
 
 
+REFERENCE: Final = re.compile(r"\{([A-Za-z_][A-Za-z0-9_]*)\}")
+"""An argument's value that is the value of a key, `"{place}"`, as in BehaviorTree.CPP."""
+
+
+def referenced(value: object) -> str:
+    """The key that gives an argument its value; "" if it is none."""
+    match = REFERENCE.fullmatch(value) if isinstance(value, str) else None
+    return match[1] if match else ""
+
+
 def is_text(value: str) -> bool:
     """True if a text can be written between double quotes."""
     return value.isprintable() and '"' not in value
@@ -193,7 +203,9 @@ def argument_values(args: ActionArgs, parameters: Mapping[str, Parameter]) -> di
 def bound(args: ActionArgs, parameters: Mapping[str, Parameter]) -> dict[str, Value | bool]:
     """`argument_values` for the leaf's code: a flag is True or False, a whole number an int."""
     return {
-        key: value == NO_YES[1]
+        key: value
+        if referenced(value)
+        else value == NO_YES[1]
         if parameters[key].sort == "flag"
         else _number(value, parameters[key])
         for key, value in argument_values(args, parameters).items()

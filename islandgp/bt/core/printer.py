@@ -117,7 +117,7 @@ def _value_text(value: Value) -> str:
 
 def _argument(argument: Argument, value: Any) -> str:
     """The text of an argument after its node's keyword; "" for its default."""
-    if argument.sort is Sort.CONDITION:
+    if argument.sort in (Sort.CONDITION, Sort.ASSIGNMENT):
         return condition_text(value)
     text = value if isinstance(value, str) else number_text(value)
     if argument.default is None:

@@ -230,7 +230,10 @@ def name_places(tree: _Tree, templates: Mapping[str, Template]) -> Iterator[tupl
             case "comparison", [key, _, right] if not hasattr(right, "children"):
                 yield from _names((key, KEY), (right, OPERAND))
                 below = [key]
-            case "comparison" | "flag", [*below]:
+            case "assignment", [key, right] if not hasattr(right, "children"):
+                yield from _names((key, KEY), (right, OPERAND))
+                below = []
+            case "comparison" | "flag" | "assignment", [*below]:
                 yield from _names((below[0], KEY), *((each, TERM) for each in below[1:]))
             case "sum" | "product" | "negative", [*below]:
                 yield from _names(*((each, TERM) for each in below))

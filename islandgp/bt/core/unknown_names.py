@@ -43,6 +43,20 @@ def unknown_key(
     )
 
 
+def unwritable(word: ScopedWord, vocabulary: Vocabulary) -> TreeError:
+    """The error for a `set` of a key that trees do not write."""
+    writable = [name for name, key in vocabulary.keys.items() if key.writable]
+    known = word.text in vocabulary.keys
+    return word.error(
+        f"{word.text} is a key that only the domain writes"
+        if known
+        else f"unknown blackboard key {shown(word.token)}",
+        expected=f"a key that is declared with `initial`: {', '.join(writable) or 'none'}",
+        guess="" if known else closest(word.token, writable),
+        kind=TreeError if known else UnknownNameError,
+    )
+
+
 def unknown_word(word: ScopedWord, name: str, key: Key, keys: Sequence[str]) -> TreeError:
     """The error for an unknown word of a key; `keys` have the same words."""
     others = f", or a key of the same words: {', '.join(keys)}" if keys else ""

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import inf
 from typing import Annotated, Any, ClassVar, Final, TypeAlias
 
 from pydantic import BeforeValidator, PlainSerializer, PlainValidator, Strict
@@ -21,6 +22,7 @@ from islandgp.bt.core.node import FAILURE, RUNNING, STATUS_NAMES, SUCCESS, Node,
 from islandgp.bt.core.parameters import (
     CHECKED,
     MAX_MAGNITUDE,
+    NO_YES,
     SMALLEST_STEP,
     Flag,
     Number,
@@ -71,7 +73,10 @@ def _key(declared: Any) -> Any:
         if last < 0:
             raise ValueError("expected at least one word, found none")
         return {**declared, "flag": False, "whole": True, "high": last, "most": last}
-    return {"flag": declared.keys() <= {"meaning"}, **declared}
+    fields = {"flag": not declared.keys() & {"low", "high", "step", "most", "whole"}, **declared}
+    if isinstance(fields.get("initial"), bool):
+        fields["initial"] = NO_YES[fields["initial"]]
+    return fields
 
 
 Statuses: TypeAlias = Annotated[
@@ -114,6 +119,8 @@ class Action:
     )
     """By name, in the order in which trees are written."""
     condition: Flag = False  # never RUNNING and without effect; see `condition_leaf`
+    sets: tuple[str, ...] = ()
+    """Keys that its end can write, before the rest of the tree is ticked."""
     uses: tuple[str, ...] = ()
     """Resources that it holds until it ends, such as the base of a robot. Two actions that share
     one never run in the same tick."""
@@ -145,6 +152,21 @@ class Key:
     noise: Number = 0.0  # standard deviation that perturbed worlds add to a number, >= 0
     whole: Flag = False  # True: a whole number, of which thresholds have no decimals
     words: tuple[str, ...] = ()  # its values if it is one of some words; else empty
+    initial: Number | str | None = None
+    """The value that it has until a tree writes it: a number, a word, yes or no. None: it belongs
+    to the domain, which writes it before each tick, and no tree writes it."""
+
+    @property
+    def writable(self) -> bool:
+        """True if trees can write it by `set`, or it is the result of an action."""
+        return self.initial is not None
+
+    @property
+    def start(self) -> float:
+        """The initial value as a number; of a word its index."""
+        words = NO_YES if self.flag else self.words
+        start = self.initial
+        return float(words.index(start) if isinstance(start, str) else start or 0)
 
     @property
     def kind(self) -> str:
@@ -179,9 +201,9 @@ class Key:
         return ("yes" if value else "no") if self.flag else f"{value:g}"
 
 
-def flag(meaning: str) -> Key:
-    """A key that is yes or no."""
-    return Key(meaning)
+def flag(meaning: str, *, initial: str | None = None) -> Key:
+    """A key that is yes or no; with `initial` trees can write it."""
+    return Key(meaning, initial=initial)
 
 
 def number(
@@ -192,9 +214,13 @@ def number(
     *,
     most: float | None = None,
     noise: float = 0.0,
+    initial: float | None = None,
 ) -> Key:
-    """A key that is a number >= `low`; random thresholds are on a grid up to `high`."""
-    return Key(meaning, flag=False, low=low, high=high, step=step, most=most, noise=noise)
+    """A key that is a number >= `low`; random thresholds are on a grid up to `high`.
+
+    With `initial`, its first value, trees can write it.
+    """
+    return Key(meaning, False, low, high, step, most, noise, initial=initial)
 
 
 def integer(
@@ -205,22 +231,22 @@ def integer(
     *,
     most: int | None = None,
     noise: float = 0.0,
+    initial: int | None = None,
 ) -> Key:
     """A key that is a whole number, with noise too; otherwise as `number`."""
-    return Key(
-        meaning, flag=False, low=low, high=high, step=step, most=most, noise=noise, whole=True
-    )
+    return Key(meaning, False, low, high, step, most, noise, whole=True, initial=initial)
 
 
-def enumeration(meaning: str, words: Collection[str]) -> Key:
+def enumeration(meaning: str, words: Collection[str], *, initial: str | None = None) -> Key:
     """A key whose value is one of some words, such as the mode of a robot.
 
-    Its value on a blackboard is the index of the word.
+    Its value on a blackboard is the index of the word. With `initial`, its first word, trees can
+    write it.
     """
     if not (listed := word_list(words, meaning)):
         raise DomainError(f"Expected at least one word for the key {meaning!r}, found none.")
     last = len(listed) - 1
-    return Key(meaning, flag=False, high=last, most=last, whole=True, words=listed)
+    return Key(meaning, flag=False, high=last, most=last, whole=True, words=listed, initial=initial)
 
 
 def is_name(word: str) -> bool:
@@ -257,6 +283,10 @@ def _check_action(action: Action, where: str, keys: Mapping[str, Key]) -> None:
                 f"Expected one of {', '.join(operators)} with {term.key} in the conditions of"
                 f" {where}, found {term.operator!r}."
             )
+    if unwritable := [key for key in action.sets if key not in keys or not keys[key].writable]:
+        raise DomainError(
+            f"Expected keys with an initial value as sets of {where}, found {unwritable[0]!r}."
+        )
     if wrong := [change for change in action.changes.values() if change not in (-1, 1)]:
         raise DomainError(f"Expected -1 or 1 as the changes of {where}, found {wrong[0]!r}.")
 
@@ -282,6 +312,17 @@ def _check_range(key: Key, where: str) -> None:
         )
     if key.noise < 0:
         raise DomainError(f"Expected noise of at least 0 for {where}, found {key.noise:g}.")
+
+
+def _check_initial(key: Key, where: str) -> None:
+    """Raises DomainError for an initial value that a key cannot have."""
+    words = NO_YES if key.flag else key.words
+    value, most = key.initial, inf if key.most is None else key.most
+    if value is None or (words and value in words):
+        return
+    if words or isinstance(value, str) or not key.low <= value <= most or (key.whole and value % 1):
+        expected = " | ".join(words) or f"a number from {key.low:g} to {most:g}"
+        raise DomainError(f"Expected {expected} as initial of {where}, found {value!r}.")
 
 
 def _check_words(key: Key, where: str, keys: Mapping[str, Key]) -> None:
@@ -371,6 +412,7 @@ class Vocabulary:
                     )
         for name, key in self.keys.items():
             where = f"the key {name} of the domain {self.domain}"
+            _check_initial(key, where)
             if key.words or key.flag:
                 _check_words(key, where, self.keys)
             else:
@@ -384,6 +426,12 @@ class Vocabulary:
     def key_index(self) -> dict[str, int]:
         """The index of each key on a blackboard."""
         return {name: index for index, name in enumerate(self.keys)}
+
+    @cached_property
+    def initial(self) -> dict[int, float]:
+        """The initial values of the keys that trees write, by their index on a blackboard."""
+        keys = enumerate(self.keys.values())
+        return {index: key.start for index, key in keys if key.writable}
 
     @cached_property
     def always(self) -> tuple[Condition, ...]:
@@ -401,6 +449,19 @@ class Vocabulary:
         if key.flag:
             return []
         return [n for n, each in self.keys.items() if each.kind == key.kind and n != name]
+
+    def gives(self, name: str, parameter: Parameter) -> bool:
+        """True if an argument can have the value of the key of this name."""
+        if (key := self.keys.get(name)) is None or parameter.sort == "text":
+            return parameter.sort == "text"
+        if key.flag or key.words:
+            return {*(key.words or NO_YES)} <= {*parameter.words}
+        return parameter.sort == "number" or (parameter.sort == "integer" and key.whole)
+
+    def value(self, name: str, number: float) -> float | str | bool:
+        """The value of a key as an argument of an action: a number, a word, True or False."""
+        key = self.keys[name]
+        return bool(number) if key.flag else key.words[int(number)] if key.words else number
 
     def has_number(self, term: Condition) -> bool:
         """True if a condition compares a key with a number: neither a word nor another key."""

@@ -33,12 +33,13 @@ from islandgp.bt.core.node import (
     Node,
     ParallelArgs,
     SecondsArgs,
+    SetArgs,
     keys_in,
     walk,
 )
 from islandgp.bt.core.parameters import Parameter
 from islandgp.bt.core.printer import Named, condition_text, number_text
-from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Action, Vocabulary
+from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Action, Key, Vocabulary
 from islandgp.bt.export.plan import (
     CHECK,
     CLOCK,
@@ -67,6 +68,7 @@ NOTES: Final = ("name", "_description", "_fullpath", "_uid")
 _NOTE: Final = re.compile(rf"({'|'.join(NOTES)}): (.*)")
 
 _FLAGS: Final = {"no": "false", "yes": "true"}
+_FLAG: Final = Key()
 
 BUILT_IN: Final = frozenset((
     *TARGETS, CHECK.tag, "Action", "Condition", "Control", "Decorator", "SubTree",
@@ -218,6 +220,13 @@ def _with_ports(part: TargetNode, vocabulary: Vocabulary) -> TargetNode:
         args = args._replace(values=tuple(values))
     if isinstance(args, GuardArgs):
         args = args._replace(condition=_quoted(args.condition))
+    if isinstance(args, SetArgs):
+        number = args.assigned.number
+        if isinstance(number, Named):
+            flag = number.name in _FLAGS and vocabulary.keys.get(args.assigned.key, _FLAG).flag
+            text = _FLAGS[number.name] if flag else f"'{number.name}'"
+            args = SetArgs(args.assigned._replace(number=Named(text, number)))
+        args = SetArgs(args.assigned._replace(operator=":="))
     children = tuple(_with_ports(child, vocabulary) for child in part.children)
     return part._replace(args=args, children=children)
 
@@ -262,7 +271,11 @@ def _lines(part: TargetNode, indent: str, step_s: float | None) -> Iterator[str]
         yield f"{indent}<Always{part.args.status.capitalize()}{_text_of(notes)}/>"
         return
     tag = part.target.tag
-    yield f"{indent}<{tag}{_text_of({**_attributes(part, step_s), **notes})}>"
+    opening = f"{indent}<{tag}{_text_of({**_attributes(part, step_s), **notes})}"
+    if not part.children:
+        yield f"{opening}/>"
+        return
+    yield f"{opening}>"
     for child in part.children:
         condition = child._replace(comments=(*condition_notes,)) if child.target == CHECK else child
         yield from _lines(condition, indent + "  ", step_s)

@@ -18,9 +18,10 @@ from typing import Any, Final
 from pydantic import ValidationError
 
 from islandgp.bt.core import parameters
+from islandgp.bt.core.arithmetic import Named
 from islandgp.bt.core.condition import OPERATORS
 from islandgp.bt.core.language import domain_of, parse
-from islandgp.bt.core.node import Node, asked_in
+from islandgp.bt.core.node import Node, SetArgs, asked_in, walk, written_in
 from islandgp.bt.core.parameters import (
     Parameter,
     adapter,
@@ -37,6 +38,7 @@ from islandgp.bt.core.vocabulary import (
     Key,
     Vocabulary,
     condition_leaf,
+    enumeration,
     is_name,
 )
 from islandgp.bt.export.branching import PRECONDITIONS
@@ -56,6 +58,8 @@ _NUMBER_KEY: Final = Key("", flag=False, low=-float(MAX_NUMBER), high=float(MAX_
 _IN_AND_OUT: Final = ("input_port", "output_port", "inout_port", "bidirectional_port")
 _SCRIPTS: Final = ("code", "condition", *PRECONDITIONS)  # attributes that ask the blackboard
 _TEXT: Final = re.compile("'[^']*'")
+_WRITTEN: Final = re.compile(r"([A-Za-z_]\w*)\s*(?::=|[-+*/]?=(?!=))")
+_WORDS: Final = re.compile(r"([A-Za-z_]\w*)\s*(?::=|[=!]?=)\s*'([^']*)'")
 _WORD: Final = re.compile(
     r"(?P<before>[<>=!]=|[-+*/<>])?\s*\b(?P<word>[A-Za-z_]\w*)(?=\s*(?P<after>[<>=!]=|[-+*/<>])?)"
 )
@@ -78,10 +82,12 @@ def declared(
         TreeError: the XML or the tree is invalid.
     """
     if text.lstrip("\ufeff \t\r\n").startswith("<"):
-        actions = dict(_model(read_xml(text, name=name), name))
+        model = read_xml(text, name=name)
+        actions = dict(_model(model, name))
         if not actions:
             raise DomainError(f"{name}: expected a <TreeNodesModel> with actions, found none.")
-        return Vocabulary(domain_of(tree) or UNNAMED, actions, _keys_in(tree, tree_name, folder))
+        keys = _keys_in(model, tree, tree_name, folder)
+        return Vocabulary(domain_of(tree) or UNNAMED, actions, keys)
     return _schema(text, name)
 
 
@@ -134,13 +140,19 @@ def words_as_keys(tree: Node, vocabulary: Vocabulary) -> list[str]:
     return sorted({term.other for term in asked} & undeclared - others)
 
 
-def _keys_in(tree: str, name: str, folder: Path | None) -> dict[str, Key]:
-    """The keys in the conditions of a tree, which is in the tree language, in XML or in JSON."""
+def _keys_in(model: Element, tree: str, name: str, folder: Path | None) -> dict[str, Key]:
+    """The keys of a tree, which is in the tree language, in XML or in JSON.
+
+    The scripts of the model's own trees show which texts are words of a key.
+    """
     start = tree.lstrip("\ufeff \t\r\n")[:1]
+    scripts = [*_scripts(model)]
     if start == "<":
+        scripts += _scripts(read_xml(tree, name=name))
+        written = frozenset(key for script in scripts for key in _WRITTEN.findall(script))
         asked = {
             (match["word"], bool(match["before"] or match["after"]))
-            for script in _scripts(read_xml(tree, name=name))
+            for script in scripts
             for match in _WORD.finditer(_TEXT.sub("''", script))
             if match["word"] not in ("and", "or", "not", "true", "false")
         }
@@ -148,14 +160,34 @@ def _keys_in(tree: str, name: str, folder: Path | None) -> dict[str, Key]:
         is_json = start in ("{", "[")
         root = from_json(tree, name=name) if is_json else parse(tree, name=name, folder=folder)
         asked = {(key, term.operator in OPERATORS) for term in asked_in(root) for key in term.keys}
+        sets = [node.args.assigned for node in walk(root) if isinstance(node.args, SetArgs)]
+        asked |= {(k, not isinstance(t.number, Named)) for t in sets for k in t.keys}
+        written = written_in(root)
+    words: dict[str, dict[str, None]] = {}  # by key, in the order of the scripts
+    for key, text in (pair for script in scripts for pair in _WORDS.findall(script)):
+        words.setdefault(key, {})[text] = None
+    enumerated = {
+        n: enumeration("", [*texts]) for n, texts in words.items() if all(map(is_name, texts))
+    }
+    all_words = {word for key in enumerated.values() for word in key.words}
     # The pair of a key that is compared somewhere comes last.
-    return {key: _NUMBER_KEY if compared else Key("") for key, compared in sorted(asked)}
+    keys = {key: _NUMBER_KEY if compared else Key("") for key, compared in sorted(asked)}
+    keys = {n: enumerated.get(n, key) for n, key in keys.items() if n not in all_words}
+    for each in written & keys.keys():
+        initial = "no" if keys[each].flag else next(iter(keys[each].words), 0.0)
+        keys[each] = replace(keys[each], initial=initial)
+    return keys
 
 
 def _scripts(element: Element) -> Iterator[str]:
     waiting = [element]
     while waiting:
         each = waiting.pop()
+        if each.tag == "SetBlackboard":
+            key, value = (each.attributes.get(n, "").strip("{}") for n in ("output_key", "value"))
+            is_flag, is_text = value in ("true", "false"), NAME.fullmatch(value)
+            form = "{} := {}" if is_flag else "{} := '{}'" if is_text else "{} := {} + 0"
+            yield form.format(key, value)
         yield from (each.attributes[a] for a in _SCRIPTS if a in each.attributes)
         if each.tag.startswith("Switch"):
             yield each.attributes.get("variable", "").strip("{}") + " =="

@@ -17,7 +17,7 @@ from islandgp.bt.analysis.context import without_interrupts
 from islandgp.bt.core.condition import ConditionExpr, terms
 from islandgp.bt.core.kinds import ABORTS, KINDS, TARGETS
 from islandgp.bt.core.language import MAX_CHARACTERS, parse, parse_condition
-from islandgp.bt.core.node import AlwaysArgs, Node, Value, commented, guarded
+from islandgp.bt.core.node import AlwaysArgs, Node, SetArgs, Value, commented, guarded
 from islandgp.bt.core.printer import with_subtrees
 from islandgp.bt.core.source import closest, shown
 from islandgp.bt.core.vocabulary import NAME, Vocabulary
@@ -38,7 +38,7 @@ from islandgp.bt.export.branching import (
 )
 from islandgp.bt.export.nav2 import GATE, GATES, RATE, ROUND
 from islandgp.bt.export.plan import CHECK, CLOCK, ORDER
-from islandgp.bt.export.scripts import read_condition
+from islandgp.bt.export.scripts import read_assignments, read_condition
 from islandgp.bt.export.xml_reader import Element, read_xml
 from islandgp.bt.export.xml_subtrees import Difference, SubtreeReader, notes_of, tag_of
 from islandgp.bt.export.xml_values import (
@@ -67,6 +67,7 @@ _ATTRIBUTES: Final = {
     **{target.tag: target.ports for target in (CHECK, *(t for _, t in TARGETS.values()))},
     "Parallel": ("success_count", "failure_count", *THRESHOLDS),
     "ParallelAll": ("max_failures",),
+    "SetBlackboard": ("value", "output_key"),
     "Sleep": ("msec",),
     **{f"Switch{n}": ("variable", *(f"case_{i + 1}" for i in range(n))) for n in range(2, 7)},
 }
@@ -84,8 +85,9 @@ _SKIP_IN: Final = {
 _SCRIPTS: Final = ("_onSuccess", "_onFailure", "_onHalted", "_post")
 """Attributes that write to the blackboard; others with _ in front are decoration of editors."""
 _BRANCHING: Final = ("IfThenElse", "WhileDoElse", *(f"Switch{n}" for n in range(2, 7)))
-_WRITES: Final = ("Script", "SetBlackboard", "UnsetBlackboard")
-_READ: Final = (*TARGETS, CHECK.tag, *PLAIN, *_BRANCHING, *ALWAYS, "ParallelAll", "Sleep")
+_READ: Final = (
+    *TARGETS, CHECK.tag, *PLAIN, *_BRANCHING, *ALWAYS, "ParallelAll", "Sleep", "SetBlackboard",
+)  # fmt: skip
 
 
 class Imported(NamedTuple):
@@ -174,6 +176,8 @@ class _Importer(SubtreeReader):
             return Node("parallel", judged_args(attributes), self.nodes_of(element))
         if tag in COUNTED:
             return self._repeat(element, tag)
+        if tag in ("Script", "SetBlackboard"):
+            return self._assignments(element, tag)
         if tag in ALWAYS:
             return Node("always", AlwaysArgs(ALWAYS[tag]))
         if tag in TIMED:
@@ -203,10 +207,9 @@ class _Importer(SubtreeReader):
             policy = parallel_args(attributes, len(children))
             return Node("parallel", policy, tuple(map(self.node, children)))
         if tag == "ScriptCondition":
-            self.fail(
-                element,
-                "expected a node after the condition, in a Sequence or Fallback, which it guards",
-            )
+            expr = self._condition(element, "code")
+            self.count(element, 1, 2)
+            return guarded(expr, Node("always", AlwaysArgs("success")), "none")
         if tag in GATES:
             self.differs(element, GATE)
             composite, leaf = GATES[tag], self._leaf(element, tag)
@@ -293,6 +296,27 @@ class _Importer(SubtreeReader):
         if any(term.operator in ("==", "!=") for term in terms(expr)):
             self.differs(element, EQUAL)
         return expr
+
+    def _assignments(self, element: Element, tag: str) -> Node:
+        """A Script or a SetBlackboard."""
+        self.state.asks = True
+        code = self._condition_text(element, "code")
+        if tag == "SetBlackboard":
+            name = element.attributes.get("output_key", "").strip("{}")
+            name, value = self.keys.get(name, name), element.attributes.get("value", "")
+            key = self.vocabulary.keys.get(name)
+            if value[:1] + value[-1:] == "{}":
+                value = self.keys.get(value[1:-1], value[1:-1])
+            elif key is not None and key.words:
+                value = f"'{value}'"
+            code = f"{name} := {value}"
+        try:
+            assigned = read_assignments(code, self.vocabulary)
+        except ValueError as error:
+            self.fail(element, str(error))
+        self.count(element, len(assigned) - 1, 2 if len(assigned) > 1 else 1)
+        nodes = tuple(Node("set", SetArgs(each)) for each in assigned)
+        return nodes[0] if len(nodes) == 1 else Node("sequence", (), nodes)
 
     def _with_memory(self, element: Element, elements: Sequence[Element]) -> Node:
         """A composite with memory: a condition guards all later children."""
@@ -388,12 +412,8 @@ class _Importer(SubtreeReader):
                 self.fail(element, f"the language has no equivalent of {shown(attribute)} of {tag}")
 
     def _unknown(self, element: Element, tag: str) -> NoReturn:
-        if tag in _WRITES:
-            self.fail(
-                element,
-                f"the language has no node {shown(tag)}, as trees do not write to the blackboard;"
-                " write the entry in an action",
-            )
+        if tag == "UnsetBlackboard":
+            self.fail(element, f"the language has no node {shown(tag)}; set another value")
         tags = dict.fromkeys((*_READ, "SubTree", *self.vocabulary.actions))
         guess = closest(tag, tags)
         hint = f"did you mean {guess}?" if guess else f"known nodes: {', '.join(tags)}"

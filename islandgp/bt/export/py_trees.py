@@ -29,10 +29,12 @@ from islandgp.bt.core.node import (
     Node,
     ParallelArgs,
     SecondsArgs,
+    SetArgs,
     asked_in,
     keys_in,
     names_in,
     walk,
+    written_in,
 )
 from islandgp.bt.core.parameters import bound
 from islandgp.bt.core.printer import Named, condition_text, head, number_text
@@ -57,6 +59,23 @@ POLICY = Loss("policy", "any failing child fails a Parallel of py_trees, which h
 _SUBTREE: Final = '''def {name}(action):
     """A subtree of the tree."""
     return {tree}
+
+
+'''
+_SET_KEY: Final = '''class SetKey(Behaviour):
+    """Writes a key and succeeds."""
+
+    def __init__(self, name, key, keys, value):
+        super().__init__(name)
+        self.key, self.value = key, value
+        self.client = self.attach_blackboard_client()
+        self.client.register_key(key, access=Access.WRITE)
+        for each in keys:
+            self.client.register_key(each, access=Access.READ)
+
+    def update(self):
+        self.client.set(self.key, self.value(self.client))
+        return Status.SUCCESS
 
 
 '''
@@ -101,7 +120,8 @@ def to_python(
     planned = _bound(plan(tree, None if plain else differs), vocabulary)
     if any(part.target == KINDS["cooldown"].ours for part in parts(planned)):
         planned = TargetNode(_COUNTER, (), (planned,))
-    divides = any(term.divides for term in asked_in(tree))
+    assigned = (node.args.assigned for node in walk(tree) if isinstance(node.args, SetArgs))
+    divides = any(term.divides for term in (*asked_in(tree), *assigned))
     has_own_nodes = any(part.target.category for part in parts(planned))
     text = "".join(f"    {line}\n" for line in to_text(tree).splitlines())
     descriptions = {
@@ -121,7 +141,9 @@ def to_python(
     return module.format(
         text=_in_docstring(text),
         keys=_in_docstring(keys).rstrip("\n"),
-        own=(_node_source() if has_own_nodes else "") + (_DIVIDE if divides else ""),
+        own=(_node_source() if has_own_nodes else "")
+        + (_SET_KEY if written_in(tree) else "")
+        + (_DIVIDE if divides else ""),
         subtrees="".join(functions),
         tree=_body(root, step_s),
     )
@@ -198,9 +220,22 @@ def _opening(part: TargetNode, step_s: float | None) -> str:
         ticks = None if step_s is None else args.ticks(step_s)
         seconds = number_text(args.seconds)
         values = {"name": head(Node(ours, args)), "seconds": seconds, "ticks": ticks}
+    if isinstance(args, SetArgs):
+        values = {"assignment": _assignment(args.assigned)}
     if isinstance(args, CountArgs):
         values = {"count": f"{args.times:.0f}"}
     return part.target.python.format(**values)
+
+
+def _assignment(assigned: Condition) -> str:
+    """A name, the key, the keys that its value reads, and the value, as arguments of SetKey."""
+    number, other = assigned.number, assigned.other
+    value = _value(other) if other else number_text(number)
+    if isinstance(number, Named):
+        value = {"no": "False", "yes": "True"}.get(number.name, repr(number.name))
+    keys = other.keys if isinstance(other, Formula) else (other,) * bool(other)
+    name = f"set {condition_text(assigned)}"
+    return f"{name!r}, {assigned.key!r}, {[*keys]!r}, lambda blackboard: {value}"
 
 
 def _guard(part: TargetNode) -> GuardArgs:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 from typing import Final, NoReturn, TypeAlias
 
-from islandgp.bt.core.arithmetic import Operation, Term, bounds, negative
+from islandgp.bt.core.arithmetic import Named, Operation, Term, bounds, negative, number_text
 from islandgp.bt.core.condition import (
     OPERATORS,
     OPPOSITE,
@@ -18,6 +18,7 @@ from islandgp.bt.core.condition import (
 )
 from islandgp.bt.core.kinds import NAME
 from islandgp.bt.core.node_builder import MAX_NESTED, MAX_OPERANDS, MAX_TERMS
+from islandgp.bt.core.parameters import NO_YES
 from islandgp.bt.core.scope import MAX_NUMBER
 from islandgp.bt.core.source import closest, shown
 from islandgp.bt.core.vocabulary import Key, Vocabulary
@@ -43,6 +44,28 @@ def read_condition(code: str, vocabulary: Vocabulary) -> ConditionExpr:
     return _Script(code, vocabulary).read()
 
 
+_ASSIGNMENT: Final = re.compile(r"\s*([A-Za-z_]\w*)\s*(:=|[-+*/]?=)(?!=)(.*)", re.DOTALL)
+
+
+def read_assignments(code: str, vocabulary: Vocabulary) -> list[Condition]:
+    """The assignments of a script, in order: `tries := tries + 1; mode := 'dock'`.
+
+    Raises:
+        ValueError: the script has another statement, or writes a key that trees do not write.
+    """
+    assigned: list[Condition] = []
+    for statement in filter(str.strip, code.split(";")):
+        match = _ASSIGNMENT.fullmatch(statement)
+        if match is None:
+            raise ValueError(f"expected key := value, found {shown(statement.strip())}")
+        name, sign, right = match.groups()
+        right = right if sign in (":=", "=") else f"{name} {sign[0]} ({right})"
+        assigned.append(_Script(right, vocabulary).assigned(name))
+    if not assigned:
+        raise ValueError("expected key := value, found an empty script")
+    return assigned
+
+
 class _Script:
     """Reads a script from left to right; && and || have equal precedence, and ! a higher one."""
 
@@ -55,6 +78,26 @@ class _Script:
         if self._code[self._at :].strip():
             self._fail()
         return condition
+
+    def assigned(self, name: str) -> Condition:
+        """The assignment of the script's value to a key."""
+        key, value = _known(name, self._vocabulary), self._sum(1)
+        if self._code[self._at :].strip() or isinstance(value, Condition | Compound):
+            raise ValueError(f"expected a value for {name}, found {shown(self._code.strip())}")
+        if not key.writable:
+            raise ValueError(
+                f"{name} is a key that only the domain writes; declare it with initial"
+            )
+        if not key.flag and not key.words:
+            return comparison(name, "=", self._number_or_key(value))
+        if isinstance(value, Operation):
+            self._fail()
+        text = value.strip("'") if isinstance(value, str) else number_text(value)
+        words = {"true": "yes", "1": "yes", "false": "no", "0": "no"} if key.flag else {}
+        if (word := words.get(text, text)) in (key.words or NO_YES):
+            number = key.words.index(word) if key.words else NO_YES.index(word)
+            return Condition(name, "=", Named(word, number))
+        return Condition(name, "=", 0.0, text)  # a key, as the parser checks
 
     def _joined(self, level: int) -> _Value:
         value = self._compared(level)

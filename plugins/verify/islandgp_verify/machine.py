@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from functools import cache, partial
 from typing import Final, NamedTuple, TypeAlias
 
-from islandgp.bt.analysis.context import leaf_statuses
-from islandgp.bt.core.condition import opposite
+from islandgp.bt.analysis.context import leaf_statuses, root_context
+from islandgp.bt.core.condition import ConditionExpr, opposite
 from islandgp.bt.core.kinds import advance_status, kind_of
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, ParallelArgs, count_of
 from islandgp.bt.core.vocabulary import STATUSES, Vocabulary
@@ -93,8 +93,13 @@ class Machine:
         conditions = {
             place: node.guard.condition for place, node in enumerate(self.nodes) if node.guard
         }
-        self.holds = {place: sets.of(each) for place, each in conditions.items()}
-        self.fails = {place: sets.of(opposite(each)) for place, each in conditions.items()}
+        context = root_context(tree, vocabulary)
+
+        def boards(expr: ConditionExpr) -> Boards:
+            return sets.of(expr) if context.facts(expr) else ANY_BOARD  # it may have changed
+
+        self.holds = {place: boards(each) for place, each in conditions.items()}
+        self.fails = {place: boards(opposite(each)) for place, each in conditions.items()}
         self.observed = {
             place: tuple(self._observed(place)) if kind_of(node).remembers_branch else ()
             for place, node in enumerate(self.nodes)

@@ -18,10 +18,12 @@ from __future__ import annotations
 import re
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
+from math import inf
 from typing import Final, Literal, NamedTuple
 
+from islandgp.bt.analysis.context import root_context
 from islandgp.bt.core.condition import ConditionExpr, condition, terms
 from islandgp.bt.core.engine import compile_tree
 from islandgp.bt.core.kinds import TIMED, kind_of
@@ -150,7 +152,9 @@ def check_rule(tree: Node, rule: Rule, vocabulary: Vocabulary, steps: int = STEP
     Returns:
         Proven, refuted with blackboards that break the rule, or unknown after `steps`.
     """
-    sets = BoardSets(vocabulary.keys)
+    written = root_context(tree, vocabulary).written
+    keys = {name: _any(k) if name in written else k for name, k in vocabulary.keys.items()}
+    sets = BoardSets(keys)
     machine = Machine(tree, vocabulary, sets)
     forbidden = sets.of(rule.condition)
     leaves = {place: machine.nodes[place].args for place in machine.statuses}
@@ -170,11 +174,18 @@ def check_rule(tree: Node, rule: Rule, vocabulary: Vocabulary, steps: int = STEP
         return RuleResult(rule, "proven", "it follows from the guards")
     if any(not term.single for term in (*asked_in(tree), *terms(rule.condition))):
         return _unknown(rule, ": if keys are compared with keys, only guards are examined")
+    if written:
+        return _unknown(rule, ": if a tree writes keys, only guards are examined")
     for node in machine.nodes:
         if node.kind in TIMED or kind_of(node).reactive or kind_of(node).opaque:
             return _unknown(rule, f": of a tree with a {node.kind} only the guards are examined")
     machine.steps_left = steps
     return _explored(machine, rule, forbidden, candidates, vocabulary)
+
+
+def _any(key: Key) -> Key:
+    """A key of any number, as a tree may write one beyond the declared range."""
+    return key if key.flag or key.words else replace(key, low=-inf, most=None)
 
 
 def _unknown(rule: Rule, why: str) -> RuleResult:
