@@ -172,7 +172,7 @@ def freed_forms(tree: Node, vocabulary: Vocabulary) -> list[ShorterForm]:
         for child, below in zip(node.children, child_contexts(node, context), strict=True):
             visit(child, below, guards)
 
-    visit(tree, root_context(vocabulary), ())
+    visit(tree, root_context(tree, vocabulary), ())
     nodes, forms = list(walk(tree)), []
     for at in dict.fromkeys(stopping):
         guard = guard_of(nodes[at])
