@@ -9,7 +9,6 @@ import click
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.bt.export import behaviortree_cpp, py_trees
-from islandgp.bt.export.json import to_json
 from islandgp.bt.export.plan import Loss
 from islandgp.commands.files import FILE, STDIN, check_other_file, write_text
 from islandgp.commands.options import (
@@ -22,25 +21,20 @@ from islandgp.commands.setting import read_in_domain
 
 STEPS: Final = (1e-6, 86_400)
 """Fewest and most seconds between two ticks."""
-FORMATS: Final = ("json", "btcpp", "pytrees")
-_BY_ENDING: Final = {"json": "json", "xml": "btcpp", "py": "pytrees"}
+FORMATS: Final = ("btcpp", "pytrees")
+_BY_ENDING: Final = {"xml": "btcpp", "py": "pytrees"}
 
 
 @click.command()
 @click.argument("file", type=FILE, required=False)
 @click.option("--to", "form", type=click.Choice(FORMATS), help="Default: by the ending of -o.")
 @with_output_option
-@click.option(
-    "--plain",
-    is_flag=True,
-    help="Only nodes of the library; the meaning may differ; no effect on JSON.",
-)
+@click.option("--plain", is_flag=True, help="Only nodes of the library; the meaning may differ.")
 @click.option("--header", is_flag=True, help="Write the C++ header with our nodes; no FILE.")
 @click.option(
     "--step",
     type=NumberRange(*STEPS),
-    help="Seconds between two ticks; needed for trees with waits, timeouts or cooldowns; no effect"
-    " on JSON.",
+    help="Seconds between two ticks; needed for trees with waits, timeouts or cooldowns.",
 )
 @with_vocabulary_options
 def command(
@@ -54,7 +48,7 @@ def command(
 ) -> None:
     """Write the tree in FILE for another tool.
 
-    json: for your own programs. btcpp: XML for BehaviorTree.CPP 4; where a node of
+    btcpp: XML for BehaviorTree.CPP 4; where a node of
     the library has another meaning, a node of --header replaces it. pytrees: a Python
     module that builds a py_trees tree. With --plain, differences in meaning are printed on
     the standard error, and explained in docs/exports.md.
@@ -101,8 +95,6 @@ def command(
 def _export(
     tree: Node, form: str, vocabulary: Vocabulary, plain: bool, step: float | None
 ) -> tuple[str, list[Loss]]:
-    if form == "json":
-        return to_json(tree), []
     other = behaviortree_cpp if form == "btcpp" else py_trees
     write = behaviortree_cpp.to_xml if form == "btcpp" else py_trees.to_python
     text = write(tree, vocabulary, plain=plain, step_s=step)

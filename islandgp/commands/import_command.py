@@ -2,41 +2,32 @@
 
 from __future__ import annotations
 
-from typing import Final
-
 import click
 
 from islandgp.bt.analysis.lint import REFUSED, warnings
 from islandgp.bt.core.format import format_text
-from islandgp.bt.core.language import to_text
 from islandgp.bt.export.declared import UNNAMED
-from islandgp.bt.export.import_cpp import Imported, read_tree
-from islandgp.bt.export.json import from_json
+from islandgp.bt.export.import_cpp import read_tree
 from islandgp.commands.files import FILE, TreeText, check_other_file, read_tree_text, write_text
 from islandgp.commands.options import DomainOptions, with_output_option, with_vocabulary_options
 from islandgp.commands.setting import default_domain, vocabulary_of
 from islandgp.errors import TreeError
 
-FORMS: Final = {"<": "btcpp", "{": "json", "[": "json"}
-"""The format of a text by its first character."""
-
 
 @click.command()
 @click.argument("file", type=FILE)
-@click.option("--from", "form", type=click.Choice(["json", "btcpp"]), help="Default: by content.")
 @click.option("--tree", "identity", help="ID of a tree; default: the main tree.")
 @click.option("--strict", is_flag=True, help="Reject nodes whose meaning would change.")
 @with_output_option
 @with_vocabulary_options
 def command(
     file: str,
-    form: str | None,
     identity: str | None,
     strict: bool,
     output: str,
     options: DomainOptions,
 ) -> None:
-    """Turn JSON or BehaviorTree.CPP XML in FILE into a tree of the language.
+    """Turn BehaviorTree.CPP XML in FILE into a tree of the language.
 
     A node that the language does not have is an error with its place. Differences in
     behaviour are printed to the standard error. The result names its domain, unless
@@ -44,23 +35,14 @@ def command(
     """
     check_other_file(file, output)
     text, name, folder = read_tree_text(file)
-    form = form or FORMS.get(text.lstrip("\ufeff \t\r\n")[:1])
-    if form is None:
+    if not text.lstrip("\ufeff \t\r\n").startswith("<"):
         raise TreeError(
-            f"{name}: expected JSON or BehaviorTree.CPP XML, found neither; a tree in the"
-            " language needs no import; --from sets the format"
-        )
-    if identity is not None and form == "json":
-        raise TreeError(
-            f"{name}: expected XML with --tree, found JSON, which holds one tree; leave it out"
+            f"{name}: expected BehaviorTree.CPP XML, found another format; a tree in the language"
+            " needs no import"
         )
     source = TreeText(text if options.declaration else "", name, None)
     vocabulary = vocabulary_of(source, options)
-    if form == "json":
-        read = from_json(text, vocabulary, name=name)
-        imported = Imported(read, (), to_text(read))
-    else:
-        imported = read_tree(text, vocabulary, name=name, tree=identity, folder=folder)
+    imported = read_tree(text, vocabulary, name=name, tree=identity, folder=folder)
     losses = [
         f"{name}:{line}:{column}: not the same ({loss.about}): there, {loss.message}"
         for line, column, loss in imported.differences

@@ -56,8 +56,6 @@ class Look(NamedTuple):
     style: str  # of rich, for terminals with colours
     fill: str
     line: str
-    dot: str = "box"  # shape of Graphviz
-    mermaid: tuple[str, str] = ("[", "]")  # brackets around its label
     ends: str = "square"  # left and right end of its box in an SVG: square, round or pointed
 
 

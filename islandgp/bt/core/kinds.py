@@ -299,9 +299,7 @@ KINDS: Final[dict[str, NodeKind]] = {
             ),
         ),
         tick=closures.when,
-        look=Look(
-            "\N{WHITE DIAMOND}", "yellow", "#fdf0cf", "#b57a00", "hexagon", ("{{", "}}"), "pointed"
-        ),
+        look=Look("\N{WHITE DIAMOND}", "yellow", "#fdf0cf", "#b57a00", "pointed"),
         ours=Target(
             "When", ("condition", "abort"), "When({condition}, abort={abort!r}, child=", "Decorator"
         ),
@@ -312,7 +310,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         args=AlwaysArgs,
         arguments=(Argument("status", Sort.WORD, "its status", ALWAYS),),
         tick=closures.always,
-        look=Look("\N{BULLET}", "green", "#e3f3df", "#3f7f2f", "ellipse", ("([", "])"), "round"),
+        look=Look("\N{BULLET}", "green", "#e3f3df", "#3f7f2f", "round"),
         statuses=lambda args: frozenset({args.ends}),
         paper=False,
     ),
@@ -322,9 +320,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         args=SetArgs,
         arguments=(Argument("assigned", Sort.ASSIGNMENT),),
         tick=closures.assign,
-        look=Look(
-            "\N{COLON EQUALS}", "green", "#e3f3df", "#3f7f2f", "ellipse", ("([", "])"), "round"
-        ),
+        look=Look("\N{COLON EQUALS}", "green", "#e3f3df", "#3f7f2f", "round"),
         statuses=lambda _: frozenset({SUCCESS}),
         paper=False,
         stock=Target("Script", ("code",), "SetKey({assignment}"),
@@ -335,7 +331,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         args=ActionArgs,
         arguments=(Argument("name", Sort.NAME), Argument("values", Sort.VALUES)),
         tick=closures.action,
-        look=Look("", "green", "#d6f1e6", "#00775a", "ellipse", ("([", "])"), "round"),
+        look=Look("", "green", "#d6f1e6", "#00775a", "round"),
     ),
 }
 """By keyword; `action` is not a keyword of the language."""

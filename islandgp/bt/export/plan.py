@@ -232,14 +232,13 @@ def check_kinds(
     kinds = {node.kind for node in walk(tree)}
     timed = kinds & {*TIMED}
     if missing := kinds.intersection(rejected_kinds):
-        other = "as JSON (--to json)"
+        other = "run it by `islandgp ros2` or in Python (load_tree)"
         if not kinds & NAV2:
-            other = "as Python (--to pytrees, without --plain)"
+            other = "export it as Python (--to pytrees, without --plain)"
         elif "cooldown" not in kinds:
-            other = "as plain XML (--to btcpp --plain)"
+            other = "export it as plain XML (--to btcpp --plain)"
         raise DomainError(
-            f"Expected a tree without {min(missing)}, for which the library has no node; export it"
-            f" {other}."
+            f"Expected a tree without {min(missing)}, for which the library has no node; {other}."
         )
     if timed and not plain and step_s is None:
         raise DomainError(

@@ -1,4 +1,4 @@
-"""Pictures of trees: in a terminal, as SVG, and as text for Mermaid and Graphviz.
+"""Pictures of trees: in a terminal and as SVG.
 
 The SVG is self-contained. The root is at the left, and each leaf has a row. So branches are tried
 from top to bottom, as in the text, and a large tree grows in height, not in width.
@@ -160,43 +160,7 @@ def _outline(ends: str, width: float) -> str:
     )
 
 
-_ESCAPES: Final = str.maketrans({"<": "&lt;", ">": "&gt;", '"': "&quot;"})
-
-
-def to_dot(tree: Node) -> str:
-    """The text of a digraph; nodes are n0, n1, ... in document order."""
-    lines = [
-        "digraph tree {",
-        '  graph [ordering=out, rankdir=TB, fontname="Helvetica"]',
-        '  node [style="filled", fontname="Helvetica", fontsize=11]',
-        "  edge [arrowhead=none]",
-    ]
-    for place, (node, parent, *_) in enumerate(lay_out(tree)[0]):
-        look = kind_of(node).look
-        attributes = f'shape={look.dot}, fillcolor="{look.fill}", color="{look.line}"'
-        lines.append(f'  n{place} [label="{label(node)}", {attributes}]')
-        if parent >= 0:
-            lines.append(f"  n{parent} -> n{place}")
-    return "\n".join([*lines, "}", ""])
-
-
 def _kinds_in(tree: Node) -> list[tuple[str, NodeKind]]:
     """The kinds of a tree's nodes, by name."""
     kinds = {node.kind for node in walk(tree)}
     return [(name, kind) for name, kind in KINDS.items() if name in kinds]
-
-
-def to_mermaid(tree: Node) -> str:
-    """The text of a flowchart; nodes are n0, n1, ... in document order."""
-    lines = ["flowchart TD"]
-    for place, (node, parent, *_) in enumerate(lay_out(tree)[0]):
-        opening, closing = kind_of(node).look.mermaid
-        lines.append(
-            f'  n{place}{opening}"{label(node).translate(_ESCAPES)}"{closing}:::{node.kind}'
-        )
-        if parent >= 0:
-            lines.append(f"  n{parent} --- n{place}")
-    for name, kind in _kinds_in(tree):
-        fill, line = kind.look.fill, kind.look.line
-        lines.append(f"  classDef {name} fill:{fill},stroke:{line},color:#1b2733")
-    return "\n".join(lines) + "\n"
