@@ -119,7 +119,7 @@ def _report(result: PruneResult) -> None:
         ]
         print_table(console, table)
     console.print(
-        f"{size(result.original)} nodes before, {size(result.best)} after;"
+        f"Nodes: {size(result.original)} before, {size(result.best)} after;"
         f" {result.episodes:,} episodes"
     )
 

@@ -92,8 +92,9 @@ class Report:
         """The primary endpoint, or the one that is shown first without a plan."""
         keys = [m.key for m in self.measures]
         points = [m.key for m in self.measures if m.unit == POINTS]
-        usual = MEAN_MAX.key if MEAN_MAX.key in keys else [*points, "diversity_overall"][0]
-        return self.measures[keys.index(self.plan.primary or usual)]
+        unseen = [key for key in keys if key.startswith("unseen")]
+        usual = [*unseen, *([MEAN_MAX.key] if MEAN_MAX.key in keys else points)]
+        return self.measures[keys.index(self.plan.primary or [*usual, "diversity_overall"][0])]
 
     @property
     def question(self) -> str:
@@ -242,11 +243,15 @@ def build(
 
 
 def _result(report: Report) -> Iterator[Item]:
-    study = report.study
-    yield report.question
     yield from report.results()
-    if not study.same_training:
+    if not report.study.same_training:
         yield note("own-fitness")
+    if report.tested:
+        yield tables.unseen_table(report.study, report.tested)
+
+
+def _training(report: Report) -> Iterator[Item]:
+    study = report.study
     yield figures.curves(study)
     yield tables.arms_table(study)
     if all(shared_seeds(a, b) == a.seeds == b.seeds for a, b in study.pairs):
@@ -273,7 +278,6 @@ def _differences(report: Report) -> Iterator[Item]:
 
 def _unseen(report: Report) -> Iterator[Item]:
     if report.tested:
-        yield tables.unseen_table(report.study, report.tested)
         yield figures.best_robots(report.study, report.tested)
     yield tables.components_table(report.study)
     yield tables.origins_table(report.study)
@@ -297,9 +301,10 @@ def _methods(report: Report) -> Iterator[Item]:
 
 _SECTIONS: Final[dict[str, Callable[[Report], Iterator[Item]]]] = {
     "Result": _result,
+    "Best robots": _unseen,
     "Factors": _factors,
     "Differences (Tables 9 to 12)": _differences,
-    "Best robots": _unseen,
+    "Training": _training,
     "Behaviours, decisions and costs": _behaviour,
     "How the statistics are done": _methods,
 }

@@ -160,10 +160,10 @@ def _unseen(
     row = {
         "Trees": name,
         "number": str(len(of_arm)),
-        "trained (points)": spread(trained),
         "unseen (points)": spread(means),
         "IQM": number(float(trim_mean(means, 0.25))),
         "worst world": number(min(min(r.points) for r in of_arm)),
+        "trained (points)": spread(trained),
     }
     if of_arm[0].perturbed:
         row["perturbed (points)"] = spread([fmean(r.perturbed) for r in of_arm])

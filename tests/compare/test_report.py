@@ -177,7 +177,7 @@ def test_a_forced_comparison_is_marked_on_top() -> None:
     """The differences are in the page before anything else, and on the screen."""
     report = build(_study("expert", "baseline", force=True))
     page = to_page(report)
-    assert page.index("world.side differs") < page.index("<h2")
+    assert page.index("world.side differs") < page.index("<section")
     assert report.screen(Path("x")).startswith("Not comparable: world.side differs")
 
 

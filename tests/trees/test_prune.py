@@ -38,7 +38,7 @@ def test_prune_prints_the_shorter_tree_and_what_went(islandgp: Cli, tree: Path) 
     assert result.out.startswith("domain island\n\nselector {")
     assert size(parse(result.out)) <= 6
     assert "without `when lap == 2` (5 nodes)" in result.err
-    assert f"11 nodes before, {size(parse(result.out))} after" in result.err
+    assert f"Nodes: 11 before, {size(parse(result.out))} after" in result.err
     assert islandgp("prune", tree, "--episodes", 200, *SHORT) == result
 
 
@@ -79,6 +79,16 @@ def test_a_tree_without_shorter_forms_stays(islandgp: Cli, tmp_path: Path) -> No
     path.write_text(text)
     result = islandgp("prune", path, "--episodes", 200, *SHORT)
     assert (result.code, result.out) == (0, text)
+
+
+def test_a_world_without_points_leaves_the_tree(islandgp: Cli, tree: Path) -> None:
+    """Where a tree earns 0, one line says that there is nothing to compare."""
+    text = "sequence {\n  when lap == 2 { PatrolWaypoint }\n  SeekCharger\n}\n"
+    tree.write_text(text)
+    nothing = ("--set", "rewards.events.leftover.per_unit=0", "--set", "rewards.events.idle.base=0")
+    result = islandgp("prune", tree, "--episodes", 200, *SHORT, *nothing)
+    assert (result.code, parse(result.out)) == (0, parse(text))
+    assert result.err == "The tree earns 0 points in every world, so there is nothing to compare.\n"
 
 
 def test_explain_draws_the_tree(islandgp: Cli, tree: Path) -> None:
