@@ -7,10 +7,10 @@ without parents. Consecutive individuals with the same tree are one step.
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterator, Mapping
+from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from html import escape
 from itertools import accumulate
 from statistics import fmean
 from typing import Any, Final
@@ -21,7 +21,6 @@ from islandgp.bt.export.render import label
 from islandgp.gate import opened
 from islandgp.records.files import generation_lines
 from islandgp.records.folder import RunFolder
-from islandgp.text import in_points
 
 MAX_INDIVIDUALS: Final = 5_000  # most individuals of a chain that are read
 MAX_NODES: Final = 300  # most nodes of trees that are compared
@@ -44,6 +43,25 @@ class LineageStep:
     left_out: int  # number of changes that are not listed
     guidance: Mapping[str, Any] | None  # with the tree, if a supervisor injected or edited it
 
+    @property
+    def origin(self) -> str:
+        """The origin of the tree, in words."""
+        return _origin(self)
+
+    @property
+    def reason(self) -> str:
+        """The supervisor's reason for the tree, if any."""
+        guidance = self.guidance or {}
+        reason = str(guidance.get("rationale") or guidance.get("reasoning") or "")
+        return reason if len(reason) <= NOTE else f"{reason[:NOTE]} ..."
+
+    @property
+    def summary(self) -> str:
+        """The numbers of changed nodes, in words."""
+        marks = Counter(line[0] for line in self.changes or ())
+        words = {"-": "deleted", "+": "inserted", "~": "changed"}
+        return ", ".join(f"{marks[mark]} {word}" for mark, word in words.items() if marks[mark])
+
 
 @dataclass(frozen=True, slots=True)
 class Lineage:
@@ -51,6 +69,26 @@ class Lineage:
 
     steps: tuple[LineageStep, ...]
     is_complete: bool  # True: it begins with an individual without parents
+
+    @property
+    def hidden(self) -> int:
+        """Number of steps in the middle of a long lineage, which are not shown."""
+        return max(0, len(self.steps) - sum(STEPS))
+
+    @property
+    def oldest(self) -> tuple[LineageStep, ...]:
+        """The steps that are shown before the hidden ones."""
+        return self.steps[: STEPS[0]] if self.hidden else self.steps
+
+    @property
+    def newest(self) -> tuple[LineageStep, ...]:
+        """The steps that are shown after the hidden ones."""
+        return self.steps[-STEPS[1] :] if self.hidden else ()
+
+    @property
+    def summary(self) -> str:
+        """A paragraph on the lineage as a whole."""
+        return _summary(self)
 
 
 def lineage(folder: RunFolder, name: str) -> Lineage:
@@ -153,21 +191,6 @@ def _generation(name: str) -> int:
     return int(name.partition(".")[0])
 
 
-def lineage_section(folder: RunFolder, name: str) -> Iterator[str]:
-    """The HTML of the lineage of the individual with this id, one list item per tree."""
-    chain = lineage(folder, name)
-    yield f"<p>{escape(_summary(chain))}</p>"
-    first, last = STEPS
-    steps = chain.steps
-    yield '<ol class="lineage">'
-    if (hidden := len(steps) - first - last) > 0:
-        yield from map(_item, steps[:first])
-        yield f'<li class="gap">{hidden:,} trees between these are not shown.</li>'
-        steps = steps[-last:]
-    yield from map(_item, steps)
-    yield "</ol>"
-
-
 def _summary(lineage: Lineage) -> str:
     """A paragraph on the lineage as a whole."""
     steps = lineage.steps
@@ -184,17 +207,6 @@ def _summary(lineage: Lineage) -> str:
     if not lineage.is_complete:
         text += " The ancestors of the first one are not in the records."
     return text
-
-
-def _item(step: LineageStep) -> str:
-    period, first = "", step.first
-    if step.last != first["id"]:
-        period = f", kept until {step.last} (mean of {step.evaluated} evaluations)"
-    return (
-        f"<li><b>{escape(first['id'])}</b> {escape(_origin(step))}"
-        f'<p class="soft">{in_points(step.fitness)} points, {first["nodes"]} nodes{period}</p>'
-        f"{_guidance(step)}{_changes(step)}</li>"
-    )
 
 
 def _origin(step: LineageStep) -> str:
@@ -221,26 +233,3 @@ def _origin(step: LineageStep) -> str:
         kind, _, mutation = mutation.removeprefix("edit:").partition("+")
         text = f"{first}, edited by the supervisor ({kind})"
     return f"{text}, then mutation {mutation}" if mutation else text
-
-
-def _guidance(step: LineageStep) -> str:
-    guidance = step.guidance or {}
-    reason = str(guidance.get("rationale") or guidance.get("reasoning") or "")
-    reason = reason if len(reason) <= NOTE else f"{reason[:NOTE]} ..."
-    return f'<p class="soft">{escape(reason)}</p>' if reason else ""
-
-
-def _changes(step: LineageStep) -> str:
-    if step.changes is None:
-        return '<p class="soft">The trees are too large to compare here.</p>'
-    if not step.changes:
-        tree = escape(step.first["tree"])
-        return f"<details><summary>The tree</summary><pre>{tree}</pre></details>"
-    marks = {"-": "deleted", "+": "inserted", "~": "changed"}
-    lines = [f'<span class="{marks[line[0]]}">{escape(line)}</span>' for line in step.changes]
-    if step.left_out:
-        lines.append(f"... and {step.left_out} more")
-    counts = {word: sum(line[0] == mark for line in step.changes) for mark, word in marks.items()}
-    summary = "What changed: " + ", ".join(f"{n} {word}" for word, n in counts.items() if n)
-    body = "\n".join(lines)
-    return f'<details><summary>{summary}</summary><pre class="diff">{body}</pre></details>'

@@ -7,34 +7,39 @@ tree and the data of the episode.
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Mapping
-from html import escape
 from pathlib import Path
 from typing import Any, Final
 
-from islandgp.bt.export.render import drawing, lay_out
+from islandgp.bt.core.kinds import kind_of
+from islandgp.bt.export.render import drawing, label, lay_out
+from islandgp.text import in_interval, in_points
 from islandgp.viewer.encode import encode
 from islandgp.viewer.recording import Recording
 
 _PARTS: Final = Path(__file__).parent / "page"
-_PLACE: Final = re.compile(r"\{\{(\w+)\}\}")
 _SCRIPTS: Final = ("data", "scene", "tree", "board", "chart", "timeline", "player")
 
 
 def page(recording: Recording, *, title: str) -> str:
     """A recorded episode as the text of an HTML page."""
     boxes, width, height = lay_out(recording.tree)
-    parts = {
-        "title": escape(title),
-        "style": part("palette.css") + part("page.css"),
-        "tree": f'<svg id="tree" role="img" aria-label="Behaviour tree" data-width="{width:g}"'
-        f' data-height="{height:g}">'
-        f'<g id="nodes">{drawing(boxes)}</g></svg>',
-        "data": script_data(encode(recording, title=title)),
-        "script": "\n".join(part(f"{name}.js") for name in _SCRIPTS),
-    }
-    return filled("page.html", parts)
+    return filled(
+        "page.html",
+        title=title,
+        styles=("palette.css", "page.css"),
+        width=f"{width:g}",
+        height=f"{height:g}",
+        drawing=drawing(boxes),
+        data=script_data(encode(recording, title=title)),
+        scripts=[f"{name}.js" for name in _SCRIPTS],
+    )
+
+
+def _loss(loss: Mapping[str, Any]) -> str:
+    """The change of points without a node, with its interval."""
+    mean, low, high = (None if loss[k] is None else -loss[k] for k in ("mean", "high", "low"))
+    return in_interval(mean or 0.0, low, high)
 
 
 def script_data(value: Any) -> str:
@@ -44,15 +49,20 @@ def script_data(value: Any) -> str:
     return data.replace("</", "<\\/").replace("<!--", "<\\u0021--")
 
 
-def part(name: str) -> str:
-    """The text of a file in the folder `page`."""
-    return (_PARTS / name).read_text(encoding="utf-8")
+def filled(name: str, **values: Any) -> str:
+    """A template in the folder `page`, filled with values, which are escaped."""
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-
-def filled(name: str, parts: Mapping[str, str]) -> str:
-    """A template in the folder `page` with its placeholders replaced.
-
-    All are replaced in one pass, so text in a title or in data is never taken for a placeholder.
-    """
-    page = _PLACE.sub(lambda place: parts[place[1]], part(name))
+    environment = Environment(
+        loader=FileSystemLoader(_PARTS), autoescape=True, undefined=StrictUndefined
+    )
+    environment.filters |= {
+        "file": lambda part: (_PARTS / part).read_text(encoding="utf-8"),
+        "label": label,
+        "loss": _loss,
+        "meaning": lambda node: kind_of(node).meaning,
+        "points": in_points,
+        "unbroken": lambda text: text.replace(" %", "\N{NO-BREAK SPACE}%"),
+    }
+    page = environment.get_template(name).render(values)
     return page.encode("utf-8", "replace").decode()  # lone surrogates, as in names of files

@@ -9,18 +9,15 @@ from __future__ import annotations
 import json
 import re
 import shlex
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
-from html import escape
 from pathlib import Path
 from typing import Any, Final
 
 from pydantic import ValidationError
 
-from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import Node, size
-from islandgp.bt.export.render import label
 from islandgp.domain import RewardTable
 from islandgp.errors import RunError
 from islandgp.gp.archive import ArchiveSettings, Elite
@@ -32,11 +29,11 @@ from islandgp.redaction import HIDDEN
 from islandgp.resources import program
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import in_words
-from islandgp.text import in_interval, in_points
+from islandgp.text import in_points
 from islandgp.viewer.champion import first_episode
 from islandgp.viewer.history import RunCurves, nothing_works, read_history, thinned
-from islandgp.viewer.lineage import lineage_section
-from islandgp.viewer.page import filled, part, script_data
+from islandgp.viewer.lineage import lineage
+from islandgp.viewer.page import filled, script_data
 
 NAME_OF_PAGE: Final = "run.html"
 RELOAD: Final = 5  # s between two reloads of an active run's page
@@ -98,32 +95,20 @@ def run_page(
         "archive": archive_map(view),
         "front": [] if summary is None else summary["champion"]["front"],
     }
-    reload = f'<noscript><meta http-equiv="refresh" content="{RELOAD}"></noscript>'
     return filled(
         "run.html",
-        {
-            "title": escape(name),
-            "style": part("palette.css") + part("run.css"),
-            "reload": reload if status is Status.RUNNING else "",
-            "status": status.value,
-            "state": status.value.lower(),
-            "result": _unbroken(_result(view)),
-            "notes": "".join(_notes(view)),
-            "open": "" if status is Status.FINISHED else "open",
-            "champion": "".join(champion_section(view)),
-            "training": "".join(_training(view)),
-            "facts": "".join(_facts(view)),
-            "lineage": "".join(lineage_section(folder, champion["id"]) if champion else ()),
-            "data": script_data(data),
-            "replay": script_data(replay),
-            "script": part("run.js"),
-        },
+        title=name,
+        reload=RELOAD,
+        status=status.value,
+        result=_result(view),
+        warning=_nothing_works(view) if history.generations else "",
+        notes=_notes(view),
+        best=champion,
+        facts=_facts(view),
+        data=script_data(data),
+        replay=script_data(replay),
+        **(_best(view, champion) if champion else {}),
     )
-
-
-def _unbroken(text: str) -> str:
-    """A text as HTML that no line break divides before a per cent sign."""
-    return escape(text).replace(" %", "&nbsp;%")
 
 
 def _result(view: RunView) -> str:
@@ -150,13 +135,12 @@ def _spent(view: RunView) -> str:
     return f"{done:,} generation{plural} and {view.history.episodes[-1]:,.0f} episodes"
 
 
-def _notes(view: RunView) -> Iterator[str]:
-    """More sentences on the result, as on the terminal, in HTML."""
-    if view.history.generations and (warning := _nothing_works(view)):
-        yield f'<p class="warning">{_unbroken(warning)}</p>'
-    if view.summary is not None:
-        notes = (*reached(view.summary["champion"]), *constrained(view.summary))
-        yield f"<p>{_unbroken('. '.join((*notes, f'The run had {_spent(view)}.')))}</p>"
+def _notes(view: RunView) -> str:
+    """More sentences on the result, as on the terminal."""
+    if view.summary is None:
+        return ""
+    notes = (*reached(view.summary["champion"]), *constrained(view.summary))
+    return ". ".join((*notes, f"The run had {_spent(view)}."))
 
 
 def _nothing_works(view: RunView) -> str:
@@ -171,9 +155,9 @@ def _nothing_works(view: RunView) -> str:
     return nothing_works(view.history, classes, rewards, view.config["search"]["name"])
 
 
-def _facts(view: RunView) -> Iterator[str]:
+def _facts(view: RunView) -> dict[str, str]:
     about, config = view.folder.about(), view.config
-    facts = {
+    return {
         "domain": "" if about is None else about.tags.get("domain", ""),
         "search": str(config.get("search", {}).get("name", "paper")),
         "supervisor": str(config["supervisor"]["name"]),
@@ -183,10 +167,6 @@ def _facts(view: RunView) -> Iterator[str]:
         "in generations": _duration(view.history.seconds),
         "command": "" if about is None else about.command,
     }
-    for name, value in facts.items():
-        if value:
-            value_html = f"<code>{escape(value)}</code>" if name == "command" else escape(value)
-            yield f"<div><dt>{name}</dt><dd>{value_html}</dd></div>"
 
 
 def _duration(seconds: float) -> str:
@@ -263,90 +243,32 @@ def embedded_replay(text: str) -> str:
     return str(json.loads(match[1])) if match else ""
 
 
-def champion_section(view: RunView) -> Iterator[str]:
-    """The HTML of the best robot: its tree with what each node does and is worth."""
-    best = view.champion
-    if best is None:
-        yield "<p>None yet.</p>"
-        return
+def _best(view: RunView, best: Mapping[str, Any]) -> dict[str, Any]:
+    """The values of the template on the best robot, with its tree and lineage."""
     champion = {} if view.summary is None else view.summary["champion"]
-    tree, usages = parse(best["tree"]), champion.get("usage", ())
-    nodes = size(tree)
-    if view.summary is None:
-        yield f"<p>Individual {escape(best['id'])}, the fittest of the present stage so far.</p>"
-    columns = "<span>worlds</span><span>points</span><span>without it</span>" if usages else ""
-    yield f'<div class="row use"><b>{nodes} node{"s" * (nodes != 1)}</b>{columns}</div>'
-    losses = [abs(u["loss"]["mean"]) for u in usages if u["loss"]]
-    most = max(losses, default=0.0) or 1.0
-    notes = iter(usages if len(usages) == nodes else ())
-    yield f'<ul class="tree">{_tree(tree, notes, most)}</ul>'
-    if usages:
-        yield (
-            '<p class="soft">Means over unseen worlds: the share of worlds in which a node runs,'
-            " the points of the actions below it, and the change of the tree's points without it,"
-            " with a 95 % interval.</p>"
-        )
-    text = champion.get("text", best["tree"])
-    yield f"<details><summary>As text</summary><pre>{escape(text)}</pre></details>"
+    tree, usage = parse(best["tree"]), champion.get("usage", ())
     about, path = view.folder.about(), view.folder.path / "best.bt"
     home = Path("/" if about is None else about.home)
     file = shlex.quote(str(path.relative_to(home) if path.is_relative_to(home) else path))
     flags = f" {flags}" if (flags := _world_flags(view)) else ""
     seed, stage = first_episode(view.folder, best["id"])
-    command = f"{program()} replay {file} --seed {seed} --stage {stage + 1}{flags}"
-    yield (
-        f"<details><summary>Its replay as a command</summary><p><code>{escape(command)}</code>"
-        ' <button type="button" class="copy">copy</button></p></details>'
-    )
-
-
-def _tree(node: Node, usages: Iterator[Mapping[str, Any]], most: float) -> str:
-    """A node with its descendants as nested list items; `most` is the loss with the longest bar."""
-    usage = next(usages, None)
-    columns, quiet = "", ""
-    if usage is not None and not usage["worlds"]:
-        columns, quiet = "<span></span><span></span><span>never runs</span>", " quiet"
-    elif usage is not None:
-        points = in_points(usage["points"]) if usage["points"] else ""
-        cells = (f"{usage['worlds']:.0%}", points, _loss(usage, most))
-        columns = "".join(f"<span>{cell}</span>" for cell in cells)
-    children = "".join(_tree(child, usages, most) for child in node.children)
-    return (
-        f'<li><div class="row{quiet}"><span class="node {node.kind}"'
-        f' title="{escape(kind_of(node).meaning)}">{escape(label(node))}</span>{columns}</div>'
-        + (f"<ul>{children}</ul>" if children else "")
-        + "</li>"
-    )
-
-
-def _loss(usage: Mapping[str, Any], most: float) -> str:
-    """The change of points without a node, with its interval and a bar."""
-    if (loss := usage["loss"]) is None:
-        return ""
-    low, high = (None if loss[end] is None else -loss[end] for end in ("high", "low"))
-    width = 100 * abs(loss["mean"]) / most
-    return f'{in_interval(-loss["mean"], low, high)}<i style="width:{width:.0f}%"></i>'
-
-
-def _training(view: RunView) -> Iterator[str]:
-    """The HTML of the best robot's points and counters in training."""
-    best = view.champion
-    if best is None:
-        yield "<p>None yet.</p>"
-        return
     parts = sorted(best["components"].items(), key=lambda part: -abs(part[1]))
     points = [(name, in_points(value, "+")) for name, value in parts if value]
-    fitness = ("fitness", in_points(best["fitness"]))
-    counters = ((name, f"{value:,.4g}") for name, value in best["counters"].items())
-    yield f'<p>Individual {escape(best["id"])}, as it was in training.</p><div class="tables">'
-    yield _table("Points", [*points, fitness])
-    yield _table("Counters", counters)
-    yield "</div>"
+    return {
+        "nodes": size(tree),
+        "usage": usage,
+        "tree": _branch(tree, iter(usage if len(usage) == size(tree) else ())),
+        "most_loss": max((abs(u["loss"]["mean"]) for u in usage if u["loss"]), default=0) or 1,
+        "text": champion.get("text", best["tree"]),
+        "command": f"{program()} replay {file} --seed {seed} --stage {stage + 1}{flags}",
+        "points": [*points, ("fitness", in_points(best["fitness"]))],
+        "counters": [(name, f"{value:,.4g}") for name, value in best["counters"].items()],
+        "lineage": lineage(view.folder, best["id"]),
+    }
 
 
-def _table(caption: str, rows: Iterable[tuple[str, str]]) -> str:
-    body = "".join(
-        f'<tr><th scope="row">{escape(name.replace("_", " "))}</th><td>{escape(value)}</td></tr>'
-        for name, value in rows
-    )
-    return f"<table><caption>{escape(caption)}</caption><tbody>{body}</tbody></table>"
+def _branch(node: Node, usages: Iterator[Mapping[str, Any]]) -> dict[str, Any]:
+    """A node with its usage and its children, for the template."""
+    usage = next(usages, None)
+    children = [_branch(child, usages) for child in node.children]
+    return {"node": node, "usage": usage, "children": children}

@@ -75,7 +75,7 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     "scipy": ("statistics", "compare", "intervals"),
     "matplotlib": ("compare",),
     "lark": ("bt",),
-    "jinja2": ("compare.report",),
+    "jinja2": ("compare.report", "viewer.page"),
     "numba": ("domains.island",),
     "llvmlite": ("domains.island.chipmunk",),
 }
