@@ -36,6 +36,7 @@ HELD: Final = 0.9  # share of the successes after which an effect holds
 MAX_COMBINATIONS: Final = 60  # of the words of an action's arguments
 ENOUGH: Final = 5  # cells of successes from which on a model is relied on
 MANY: Final = 20  # cells of successes from which on a few failures may have no reason
+OFTEN: Final = 100  # successes after which a model is relied on, from however few states
 RELIABLE: Final = 3  # failures in a cell after which it counts in full
 THRESHOLDS: Final = 8  # of a number that are tried
 
@@ -71,6 +72,8 @@ def all_leaves(vocabulary: Vocabulary) -> list[Node]:
     """The actions with each combination of their words, at most MAX_COMBINATIONS of each."""
     leaves = []
     for name, action in vocabulary.actions.items():
+        if action.condition:  # without effect
+            continue
         parameters = {k: p for k, p in action.arguments.items() if p.words}
         choices = islice(product(*(p.words for p in parameters.values())), MAX_COMBINATIONS)
         chosen = (dict(zip(parameters, values, strict=True)) for values in choices)
@@ -159,7 +162,7 @@ class ActionModel:
     @property
     def understood(self) -> bool:
         """True if it succeeded from enough different states to know what it needs and gives."""
-        return self.ends >= ENOUGH
+        return self.ends >= ENOUGH or self.succeeded >= OFTEN
 
     @property
     def sentence(self) -> str:
@@ -190,10 +193,13 @@ class Learner:
 
     def learn(self, text: str, action: Node, record: ActionRecord) -> ActionModel:
         """The model of an action; without successes, its declared conditions are its needs."""
-        declared = self.vocabulary.action(action.action).to_start
+        declaration = self.vocabulary.action(action.action)
+        declared, given = declaration.to_start, declaration.gives
         if not record.successes:
             succeeded, failed = record.succeeded, record.failed
-            return ActionModel(action, text, declared, succeeded=succeeded, failed=failed)
+            return ActionModel(
+                action, text, declared, gives=given, succeeded=succeeded, failed=failed
+            )
         useful = [c for c in record.successes if self._useful(c)]
         points = float(np.mean([c.points for c in record.successes]))
         ended = [c for c in useful if c.end]
@@ -203,7 +209,7 @@ class Learner:
             text,
             tuple(dict.fromkeys((*declared, *needs))),
             self._facts(useful),
-            tuple(self._gives(ended)),
+            tuple(dict.fromkeys((*given, *self._gives(ended)))),
             self._raises(ended),
             frozenset(self._changes(ended)),
             points,

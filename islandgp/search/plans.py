@@ -100,15 +100,18 @@ class Plans(Racing):
         return replace(contents, propose=propose)
 
     def models(self, memory: PlansMemory) -> dict[str, ActionModel]:
-        """The models of the actions, by text of the leaf."""
+        """The models of the actions, by text of the leaf; those never tried have declarations."""
+        leaves = {head(leaf): leaf for leaf in all_leaves(self.plan.vocabulary)}
+        leaves |= {t: parse(t, self.plan.vocabulary) for t in memory.actions if t not in leaves}
         return {
-            text: self.learner.learn(text, parse(text, self.plan.vocabulary), record)
-            for text, record in memory.actions.items()
+            text: self.learner.learn(text, leaf, memory.actions.get(text, ActionRecord()))
+            for text, leaf in leaves.items()
         }
 
     def findings(self, memory: PlansMemory) -> list[str]:
         """See `LearningSearch`: a sentence for each action, those of one name together."""
-        return [model.sentence for _, model in sorted(self.models(memory).items())]
+        models = self.models(memory)
+        return [models[text].sentence for text in sorted(memory.actions)]
 
     def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> PlansMemory:  # type: ignore[override] # another memory
         """See `BreedingSearch`."""
@@ -138,7 +141,7 @@ class PlanMaker:
         pick: Pick | None,
     ) -> None:
         self.space, self.models, self.memory, self.pick = plan.space, models, memory, pick
-        known = {text: m for text, m in models.items() if m.starts}
+        known = {text: m for text, m in models.items() if m.starts or m.gives}
         self.planner = Planner(plan.vocabulary, known)
         self.goals = [m for m in known.values() if m.points > 0]
         leaves = {head(leaf): leaf for leaf in all_leaves(plan.vocabulary)}

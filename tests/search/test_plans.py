@@ -12,11 +12,11 @@ import pytest
 from click.testing import CliRunner
 
 import islandgp
-from islandgp.bt.core.condition import combine
 from islandgp.bt.core.language import parse, parse_condition, to_text
 from islandgp.bt.core.node import selector
 from islandgp.bt.core.printer import condition_text, head
 from islandgp.cli import islandgp as command
+from islandgp.domain import Condition
 from islandgp.evaluation.action_observer import ActionObserver
 from islandgp.evaluation.base import Evaluator, Problem
 from islandgp.evaluation.processes import Processes
@@ -30,9 +30,10 @@ from islandgp.running.parts import make_search
 from islandgp.running.report import report
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.curriculum import Curriculum
-from islandgp.search.action_models import ActionModel, Learner, recorded
+from islandgp.search.action_models import ActionModel, Learner
 from islandgp.search.planning import Planner, branches
-from islandgp.search.plans import Plans
+from islandgp.search.plans import Plans, PlansMemory
+from islandgp.search.racing import RacingMemory
 from tests.composed import composed
 from tests.evolution.runs import Constant, lines
 from tests.running.commands import ROOT
@@ -168,22 +169,26 @@ def test_samples_of_an_episode(
             assert Learner(VOCABULARY).holds(condition, starts).all()  # type: ignore[arg-type]
 
 
-def test_declared_conditions_are_needs_until_there_is_evidence() -> None:
-    """An action that never succeeded needs what its author declares."""
-    at_door = parse_condition("place == door", VOCABULARY)
+def test_declarations_are_evidence_of_actions_that_were_never_tried() -> None:
+    """`to_start` are needs, and `gives` are effects with which a plan can be made at once."""
     actions = {
         **VOCABULARY.actions,
-        "Open": replace(VOCABULARY.actions["Open"], to_start=(at_door,)),  # type: ignore[arg-type]
+        "Drive": replace(
+            VOCABULARY.actions["Drive"], gives=(Condition("place", "==", 0.0, "door"),)
+        ),
+        "Open": replace(
+            VOCABULARY.actions["Open"], to_start=(Condition("place", "==", 0.0, "door"),)
+        ),
     }
-    learner = Learner(replace(VOCABULARY, actions=actions))
-    record = recorded({}, [], VOCABULARY).get("Open")
-    assert record is None
-    from islandgp.search.action_models import ActionRecord
-
-    model = learner.learn("Open", parse("Open", VOCABULARY), ActionRecord())
-    assert model.needs == (at_door,)
-    assert head(model.leaf) == "Open"
-    assert condition_text(combine("and", model.needs)) == "place == door"
+    search, plan = parts()
+    declared = Plans(
+        search.settings, replace(plan, vocabulary=replace(VOCABULARY, actions=actions)), []
+    )
+    models = declared.models(PlansMemory(RacingMemory((), ())))
+    planner = Planner(plan.vocabulary, models)
+    rules = planner.plan(np.random.default_rng(0), models["Open"])
+    assert [head(rule.leaf) for rule in rules] in (["Drive", "Open"], ["Drive(to: door)", "Open"])
+    assert words(rules[0].when) == {"place != door"}
 
 
 def test_what_was_learned_is_printed_and_explained(

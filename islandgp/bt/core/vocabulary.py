@@ -110,6 +110,7 @@ class Action:
     statuses: Statuses = STATUSES  # that it can return
     to_start: Conditions = ()  # it fails in its first tick unless these hold
     to_succeed: Conditions = ()  # these hold in the tick in which it succeeds
+    gives: Conditions = ()  # these hold after its success, as far as `search=plans` knows at first
     changes: Mapping[str, int] = field(default_factory=dict)
     """Keys that its success changes: -1 makes the value smaller, 1 larger."""
     after: tuple[str, ...] = ()
@@ -270,7 +271,7 @@ def _check_action(action: Action, where: str, keys: Mapping[str, Key]) -> None:
         raise DomainError(
             f"Expected names of letters, digits and _ as uses of {where}, found {wrong_name[0]!r}."
         )
-    terms = (*action.to_start, *action.to_succeed)
+    terms = (*action.to_start, *action.to_succeed, *action.gives)
     for key in (*(key for term in terms for key in term.keys), *action.changes):
         if key not in keys:
             raise DomainError(
@@ -351,8 +352,9 @@ def _with_words(action: Action, keys: Mapping[str, Key]) -> Action:
             return term
         return Condition(term.key, term.operator, key.number_of(term.other))
 
-    start, succeed = (tuple(map(numbered, each)) for each in (action.to_start, action.to_succeed))
-    return replace(action, to_start=start, to_succeed=succeed)
+    declared = (action.to_start, action.to_succeed, action.gives)
+    start, succeed, gives = (tuple(map(numbered, each)) for each in declared)
+    return replace(action, to_start=start, to_succeed=succeed, gives=gives)
 
 
 Actions: TypeAlias = Mapping[str, Action]
