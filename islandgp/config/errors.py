@@ -94,6 +94,9 @@ def _no_such_key(match: re.Match[str], overrides: Sequence[str], source: ConfigS
     groups = [o for o in parsed(overrides, source) if loader.get_group_options(o.key_or_group)]
     chosen = source.compose([o.input_line for o in groups if o.input_line is not None])
     key, config = match[1], OmegaConf.to_container(chosen, resolve=False)
+    for option in source.options("allocation") if key.startswith("allocation.") else ():
+        if f"\n{key.split('.')[1]}:" in source.files(f"allocation/{option}")[-1].read_text("utf-8"):
+            return f"{key}: not a slot of the chosen search; search={option} has it."
     line = unknown_key(key, config)
     is_beside = f"did you mean {key.rpartition('.')[0]}" in line
     return line if is_beside else f"{line} If it has no value yet, write +{key}=VALUE."

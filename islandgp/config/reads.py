@@ -39,6 +39,8 @@ def keys_read(settings: Settings) -> frozenset[str]:
     for part in parts:
         if on[part]:
             keys |= {"supervisor.lag", *gives[part]}
+    if settings.allocation is not None:
+        keys |= {f"allocation.{slot}" for slot in type(settings.allocation).model_fields}
     if settings.search.factory.uses:
         keys |= {"supervisor.name", "supervisor.factory"}
     if "rate" in settings.search.factory.uses:

@@ -27,7 +27,7 @@ from islandgp.evaluation.perturbation import Perturbation
 from islandgp.evaluation.worlds import staged
 from islandgp.evolution.prune import Pruning
 from islandgp.gp.archive import ArchiveSettings
-from islandgp.gp.plan import GP, Allocation, Budget, Plan, Stop, Switches, is_read
+from islandgp.gp.plan import GP, Budget, Plan, Stop, Switches, is_read
 from islandgp.gp.random_trees import check_growth
 from islandgp.plugin import ComponentConfig, ImportedClass, defined_in, path_of, plugin_errors
 from islandgp.scoring.classes import Classes
@@ -145,12 +145,12 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     curriculum: Curriculum
     classes: Classes
     library: LibrarySettings
-    allocation: Allocation
     gp: GP
     budget: Budget = Budget()
     stop: Stop = Stop()
     prune: Pruning = Field(default_factory=lambda: Pruning.model_validate({}))
     search: SearchSettings
+    allocation: Any = Field(default={}, validate_default=True)  # the search's own Allocation
     archive: ArchiveSettings = ArchiveSettings()
     perturb: Perturbation | None = None  # docs/domains.md
     constraints: dict[str, Bound] = Field(default_factory=dict)  # limits by counter of the domain
@@ -170,6 +170,15 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
             return value  # the domain reports its own error
         model = domain.factory.World if info.field_name == "world" else domain.factory.Rewards
         return model.model_validate(value)  # its errors become errors of this field
+
+    @field_validator("allocation", mode="plain")
+    @classmethod
+    def _of_the_search(cls, value: Any, info: ValidationInfo) -> Any:
+        """The keys that the search has; others act as those of `gp` that it does not read."""
+        model = getattr(getattr(info.data.get("search"), "factory", None), "Allocation", None)
+        if model is None or not isinstance(value, Mapping):
+            return None
+        return model.model_validate({k: v for k, v in value.items() if k in model.model_fields})
 
     def make_domain(self) -> Domain:
         """The domain with its world and rewards. Raises ConfigError if it rejects them."""

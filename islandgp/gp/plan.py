@@ -112,7 +112,7 @@ class GP(Declared, frozen=True, extra="forbid"):
         return Limits(self.max_depth, self.max_nodes)
 
 
-class Allocation(Declared, frozen=True, extra="forbid"):
+class Allocation(BaseModel, frozen=True, extra="forbid"):
     """Table 1. Counts are for `per` individuals and scale with the population."""
 
     per: int = Field(ge=1)
@@ -220,7 +220,7 @@ class Plan:
 
     vocabulary: Vocabulary
     gp: GP
-    allocation: Allocation
+    allocation: Any  # an instance of the search's `Allocation`
     curriculum: Curriculum
     classes: Classes
     switches: Switches

@@ -177,8 +177,7 @@ def make_search(settings: Settings, plan: Plan) -> Search:
     """Makes the configured search. Raises ConfigError, TreeError or PartError."""
     part = settings.search
     keys = {*RUN_READS, *part.reads()}
-    gp, allocation = declared(plan.gp, "gp", keys), declared(plan.allocation, "allocation", keys)
-    plan = replace(plan, gp=gp, allocation=allocation)
+    plan = replace(plan, gp=declared(plan.gp, "gp", keys))
 
     def library() -> Mapping[str, Node]:
         """The trees of the library's folder; {} without a folder, as a search is expensive."""

@@ -57,8 +57,10 @@ class Search(Protocol):
     A search that can be configured has two more class attributes: `Settings`, a pydantic model,
     and `make(settings, context)`. `Settings` may have a method `faults(schema)`, which yields a
     line for each setting with a name that the domain does not declare, and a property `reads`: the
-    keys of the groups `gp`, `allocation` and `library` that the search reads besides RUN_READS, as
-    in `("gp.trees", "allocation")`. The plan and the library have nothing else.
+    keys of the groups `gp` and `library` that the search reads besides RUN_READS, as in
+    `("gp.trees",)`. The plan and the library have nothing else. A third class attribute
+    `Allocation` is a pydantic model of the keys of the group `allocation`: how the slots of a
+    generation are filled. The plan has an instance.
     """
 
     Memory: ClassVar[Any]

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import Field
+from pydantic import BaseModel, Field
 
 from islandgp.errors import ConfigError
 from islandgp.gp.population import Evaluated
@@ -33,7 +33,6 @@ class LexicaseSettings(BreedingSettings, frozen=True):
     """Criteria of the selection."""
 
     cases: Literal["components", "episodes"]  # terms of the fitness, or fitness in each episode
-    elites: int = Field(ge=0)  # fittest individuals, evaluated again in the next generation
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,10 +52,17 @@ class Contenders:
     all: tuple[Contender, ...]
 
 
+class LexicaseSlots(BaseModel, frozen=True, extra="forbid"):
+    """The slots of a generation."""
+
+    elites: int = Field(ge=0)  # fittest individuals, evaluated again in the next generation
+
+
 class Lexicase(BreedingSearch[LexicaseSettings]):
     """Epsilon-lexicase selection; see the module."""
 
     Settings = LexicaseSettings
+    Allocation = LexicaseSlots
     Memory: ClassVar[Any] = Contenders
 
     @classmethod
@@ -75,7 +81,9 @@ class Lexicase(BreedingSearch[LexicaseSettings]):
         best = sorted(everyone, key=lambda c: merit(c.fitness, c.violation), reverse=True)
         draw = lexicase_draw(everyone)
         pick: Pick = lambda rng: (draw(rng), [draw(rng)])  # noqa: E731 -- typed by its name
-        return GenerationPlan(pick, reevaluated=[c.parent for c in best[: self.settings.elites]])
+        return GenerationPlan(
+            pick, reevaluated=[c.parent for c in best[: self.plan.allocation.elites]]
+        )
 
     def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Contenders:  # noqa: ARG002 -- the last generation alone counts
         """See `BreedingSearch`."""

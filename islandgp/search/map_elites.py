@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, ClassVar
 
-from pydantic import Field
+from pydantic import BaseModel, Field
 
 from islandgp.domain import Schema
 from islandgp.gp.plan import Plan
@@ -33,7 +33,7 @@ from islandgp.search.descriptor import Descriptor, cell, dimensions, faults, poi
 
 
 class MapElitesSettings(BreedingSettings, frozen=True):
-    """The grid, and the re-evaluation of elites."""
+    """The grid."""
 
     descriptor: Descriptor
     """The grid's axes: COUNTER, or COUNTER/WIDTH for bins of equal width. Empty: the counters of
@@ -41,8 +41,6 @@ class MapElitesSettings(BreedingSettings, frozen=True):
     bins: int = Field(ge=1, le=100)  # most bins of a counter above 0
     depth: int = Field(ge=1, le=100)
     """Most trees that a cell keeps: the elite, and trees that can replace it."""
-    reevaluated: float = Field(ge=0, lt=1)
-    """Share of a generation's slots in which elites are evaluated again."""
 
     def faults(self, schema: Schema) -> Iterator[str]:
         """See `Search`."""
@@ -67,10 +65,17 @@ class Grid:
     occupants: tuple[Occupant, ...]
 
 
+class MapElitesSlots(BaseModel, frozen=True, extra="forbid"):
+    """The slots of a generation."""
+
+    reevaluated: float = Field(ge=0, lt=1)  # share in which elites are evaluated again
+
+
 class MapElites(BreedingSearch[MapElitesSettings]):
     """Keeps the best trees of each cell; see the module."""
 
     Settings = MapElitesSettings
+    Allocation = MapElitesSlots
     Memory: ClassVar[Any] = Grid
 
     def __init__(self, settings: MapElitesSettings, plan: Plan) -> None:
@@ -86,7 +91,7 @@ class MapElites(BreedingSearch[MapElitesSettings]):
         elites = list(by_cell.values())
         parents = [elite.parent for elite in elites]
         mothers = [elite.parent for elite in elites if not self._violation(elite)] or parents
-        slots = round(self.settings.reevaluated * self.plan.gp.population)
+        slots = round(self.plan.allocation.reevaluated * self.plan.gp.population)
         least_evaluated = sorted(
             elites, key=lambda o: (-o.evaluations, self._merit(o)), reverse=True
         )

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import Field
+from pydantic import BaseModel, Field
 
 from islandgp.domain import Schema
 from islandgp.gp.plan import Plan
@@ -40,7 +40,6 @@ class NoveltySettings(BreedingSettings, frozen=True):
     neighbours: int = Field(ge=1)  # number of neighbours in the mean distance
     archive: int = Field(ge=0)  # most descriptors in the archive; the oldest are dropped first
     added: int = Field(ge=0)  # most novel individuals of a generation that are added to it
-    fittest: int = Field(ge=0)  # individuals evaluated again in the next generation
     tournament: int = Field(ge=1)  # tournament size; the most novel individual wins
 
     def faults(self, schema: Schema) -> Iterator[str]:
@@ -57,10 +56,17 @@ class Explored:
     archive: Places  # descriptors that were novel, oldest first
 
 
+class NoveltySlots(BaseModel, frozen=True, extra="forbid"):
+    """The slots of a generation."""
+
+    fittest: int = Field(ge=0)  # individuals evaluated again in the next generation
+
+
 class Novelty(BreedingSearch[NoveltySettings]):
     """Novelty search; see the module."""
 
     Settings = NoveltySettings
+    Allocation = NoveltySlots
     Memory: ClassVar[Any] = Explored
 
     def __init__(self, settings: NoveltySettings, plan: Plan) -> None:
@@ -85,7 +91,7 @@ class Novelty(BreedingSearch[NoveltySettings]):
         grown = (*archive, *(places[k] for k in order[: self.settings.added]))
         return Explored(
             parents=tuple(parent_of(evaluated[k]) for k in able),
-            fittest=tuple(parent_of(e) for e in fittest[: self.settings.fittest]),
+            fittest=tuple(parent_of(e) for e in fittest[: self.plan.allocation.fittest]),
             archive=grown[max(0, len(grown) - self.settings.archive) :],
         )
 

@@ -14,7 +14,7 @@ from math import inf
 from typing import Any, ClassVar, Final
 
 import numpy as np
-from pydantic import Field
+from pydantic import BaseModel, Field
 
 from islandgp.bt.core.node import size
 from islandgp.domain import Schema
@@ -97,12 +97,11 @@ def crowding(front: Points) -> Points:
 
 
 class Nsga2Settings(BreedingSettings, frozen=True):
-    """Objectives, and the number of survivors."""
+    """The objectives."""
 
     objectives: tuple[str, ...]
     """`fitness`, `nodes` and counters; a leading `-` minimises. Empty: the fitness and the
     behaviours' counters."""
-    survivors: float = Field(gt=0, lt=1)  # share of a generation
 
     def faults(self, schema: Schema) -> Iterator[str]:
         """See `Search`."""
@@ -120,10 +119,17 @@ class Survivors:
     parents: tuple[Parent, ...]
 
 
+class Nsga2Slots(BaseModel, frozen=True, extra="forbid"):
+    """The slots of a generation."""
+
+    survivors: float = Field(gt=0, lt=1)  # share, evaluated again with its children
+
+
 class Nsga2(BreedingSearch[Nsga2Settings]):
     """The NSGA-II search; see the module."""
 
     Settings = Nsga2Settings
+    Allocation = Nsga2Slots
     Memory: ClassVar[Any] = Survivors
 
     def __init__(self, settings: Nsga2Settings, plan: Plan) -> None:
@@ -140,7 +146,7 @@ class Nsga2(BreedingSearch[Nsga2Settings]):
         """See `BreedingSearch`."""
         points = np.array([[_value(e, name) for name in self.objectives] for e in evaluated])
         violations = [e.violation for e in evaluated]
-        survivors = max(2, round(self.settings.survivors * len(evaluated)))
+        survivors = max(2, round(self.plan.allocation.survivors * len(evaluated)))
         return Survivors(
             tuple(parent_of(evaluated[k]) for k in crowded_order(points, violations)[:survivors])
         )

@@ -9,7 +9,7 @@ from typing import Any, ClassVar, Final
 from pydantic import BaseModel
 
 from islandgp.gp.allocation import next_population, update_behaviour_archive
-from islandgp.gp.plan import Plan
+from islandgp.gp.plan import Allocation, Plan
 from islandgp.gp.population import Advice, BehaviourBest, Evaluated, Individual, Origin
 from islandgp.gp.random_trees import random_tree
 from islandgp.gp.variation import mutate
@@ -38,7 +38,7 @@ class PaperSettings(BaseModel, frozen=True, extra="forbid"):
         """See `Search`."""
         variation = ("selection", "tournament_size", "crossover", "crossover_rate", "mutation")
         others = ("mutation_rate", "mutate_elites", "trees")
-        return ("allocation", *(f"gp.{name}" for name in (*variation, *others)))
+        return tuple(f"gp.{name}" for name in (*variation, *others))
 
 
 class Paper:
@@ -48,6 +48,7 @@ class Paper:
     """
 
     Settings = PaperSettings
+    Allocation = Allocation
     Memory: ClassVar[Any] = Parents
     uses: ClassVar[frozenset[str]] = frozenset({"rate", "tree", "edits"})
 

@@ -25,7 +25,7 @@ from math import sqrt
 from typing import Any, ClassVar, Self
 
 import numpy as np
-from pydantic import Field, FiniteFloat
+from pydantic import BaseModel, Field, FiniteFloat
 
 from islandgp.bt.core.node import Node, size
 from islandgp.errors import ConfigError
@@ -65,8 +65,6 @@ class RacingSettings(BreedingSettings, frozen=True):
     It has no effect with one restart.
     """
     survivors: float = Field(gt=0, le=10)  # as a share of the population
-    reevaluated: float = Field(gt=0, lt=1)
-    """Share of a generation's slots in which survivors are evaluated again."""
     library: int = Field(ge=0)  # first trees that are priority lists of the library's branches
     bound_width: FiniteFloat = Field(ge=0)  # standard errors between a tree's level and its bounds
     shrinkage: FiniteFloat = Field(ge=0)
@@ -114,10 +112,17 @@ class RacingMemory:
     contenders: tuple[Contender, ...] = ()  # the last generation; () without specialists
 
 
+class RacingSlots(BaseModel, frozen=True, extra="forbid"):
+    """The slots of a generation."""
+
+    reevaluated: float = Field(gt=0, lt=1)  # share in which survivors are evaluated again
+
+
 class Racing(BreedingSearch[RacingSettings]):
     """Keeps the trees with the highest lower bounds; see the module."""
 
     Settings = RacingSettings
+    Allocation = RacingSlots
     Memory: ClassVar[Any] = RacingMemory
 
     @classmethod
@@ -157,7 +162,7 @@ class Racing(BreedingSearch[RacingSettings]):
         """See `BreedingSearch`. Survivors with the highest upper bounds are evaluated again."""
         memory: RacingMemory = state.memory
         promising = self._ranked(memory.entries, 1.0)
-        slots = max(1, round(self.settings.reevaluated * self.plan.gp.population))
+        slots = max(1, round(self.plan.allocation.reevaluated * self.plan.gp.population))
         young = state.generation - memory.began < self.settings.random_generations
         pick = None if young else self._pick(memory)
         rerun = [Parent(entry.id, entry.tree) for entry in promising[:slots]]

@@ -85,7 +85,7 @@ def test_an_elite_is_worth_the_mean_of_its_episodes() -> None:
 
 def test_elites_are_evaluated_again() -> None:
     """Those with the fewest episodes first, then the fittest; no more than their share of slots."""
-    search, _ = search_and_plan("map_elites", "search.policy.reevaluated=0.25")
+    search, _ = search_and_plan("map_elites", "allocation.reevaluated=0.25")
     population = [
         evaluated("0.0", 10, tree=TREES[0], pickups=1),
         evaluated("0.1", 30, tree=TREES[1], charges=1),
@@ -100,7 +100,7 @@ def test_elites_are_evaluated_again() -> None:
 
 def test_parents_come_from_all_cells() -> None:
     """Uniformly over cells, so that the weakest behaviour has as many children as the best."""
-    search, _ = search_and_plan("map_elites", "gp.population=200", "search.policy.reevaluated=0")
+    search, _ = search_and_plan("map_elites", "gp.population=200", "allocation.reevaluated=0")
     population = [
         evaluated("0.0", 1000, tree=TREES[0], pickups=1),
         evaluated("0.1", -1000, tree=TREES[1], charges=1),

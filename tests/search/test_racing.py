@@ -57,7 +57,7 @@ def test_caution_prefers_trees_with_more_episodes() -> None:
 
 def test_promising_survivors_are_evaluated_again_with_their_ids_as_parents() -> None:
     """`again` is the share of the slots, at least one; the tree is unchanged."""
-    search, _ = search_and_plan("racing", *PLAIN, "search.policy.reevaluated=0.25")
+    search, _ = search_and_plan("racing", *PLAIN, "allocation.reevaluated=0.25")
     first = [
         evaluated("0.0", 5, tree=A),
         evaluated("0.1", 50, tree=B),

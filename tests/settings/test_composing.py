@@ -40,7 +40,7 @@ def together(*groups: str) -> list[dict[str, str]]:
         *together("search", "supervisor", "evaluator", "tracking"),
         *together("world", "curriculum", "library"),
         *together("domain"),
-        *together("rewards", "classes", "allocation", "gp"),
+        *together("rewards", "classes", "gp"),
     ],
     ids=lambda choice: " ".join(choice.values()),
     quick=8,

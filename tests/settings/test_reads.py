@@ -137,8 +137,8 @@ def test_a_key_that_is_not_read_changes_no_individual(search: str, supervisor: s
             "search=racing does not read gp.tournament_size; search=paper",
         ),
         (
-            ["allocation.elites=1"],
-            "search=racing does not read allocation.elites; search=paper does",
+            ["allocation.niche_share=0.5"],
+            "allocation.niche_share: not a slot of the chosen search; search=paper has it.",
         ),
         (["search=racing,paper", "gp.crossover_rate=0.1,0.2", "-m"], "search=racing does not read"),
         (["search=random", "supervisor=baseline,expert", "-m"], "search=random with supervisor="),
@@ -195,7 +195,7 @@ class Curious(RandomSearch):
 
 
 def test_a_search_cannot_read_what_it_does_not_declare() -> None:
-    """The plan that it gets has no other keys of `gp`, and none of `allocation`."""
+    """The plan that it gets has no other keys of `gp`, and no slots."""
     config = plain("search=random", "~search.policy.lists", "~search.policy.simplify")
     config["search"]["factory"] = f"{__name__}:Curious"
     settings = read_settings(config)
