@@ -14,7 +14,7 @@ import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, distribution
@@ -49,8 +49,11 @@ def share_views(store: Store) -> str:
     sweeps = store.client.search_runs(
         [store.experiment], "tags.kind = 'sweep'", max_results=1, order_by=["start_time DESC"]
     )
-    tiers = _milestones(store)
-    views = {"arms": _view(tiers, ARM), "runs": _view(tiers, "sweep", ARM)}
+    recent = store.client.search_runs([store.experiment], max_results=RECENT)
+    jobs = [run for run in recent if run.data.tags.get("kind") != "sweep"]
+    tiers = _milestones(jobs)
+    factors = sorted({tag for job in jobs for tag in job.data.tags if tag.startswith("factor.")})
+    views = {"arms": _view(tiers, factors, ARM), "runs": _view(tiers, factors, "sweep", ARM)}
     for sweep in sweeps:
         views["arms"]["searchFilter"] = f"tags.`mlflow.parentRunId` = '{sweep.info.run_id}'"
     for key, view in views.items():
@@ -59,14 +62,12 @@ def share_views(store: Store) -> str:
     return next((cleaned(sweep.data.tags["sweep"]) for sweep in sweeps), "")
 
 
-def _milestones(store: Store) -> list[str]:
-    runs = store.client.search_runs([store.experiment], max_results=RECENT)
-    jobs = [run for run in runs if run.data.tags.get("kind") != "sweep"]
+def _milestones(jobs: Sequence[Any]) -> list[str]:
     named = [json.loads(run.data.params.get("classes.milestones", "[]")) for run in jobs]
     return list(dict.fromkeys(tier for milestones in named for tier in milestones))[:MAX_MILESTONES]
 
 
-def _view(tiers: list[str], *tags: str) -> dict[str, Any]:
+def _view(tiers: list[str], factors: list[str], *tags: str) -> dict[str, Any]:
     """A view in the format of MLflow's pages, with the runs grouped by tags.
 
     `arms_view.json` has what is the same in each. After its first two charts comes one for each
@@ -79,7 +80,11 @@ def _view(tiers: list[str], *tags: str) -> dict[str, Any]:
     return {
         **view["state"],
         "groupBy": {**view["state"]["groupBy"], "groupByKeys": keys},
-        "selectedColumns": [*view["columns"], *(f"metrics.`run/first.{tier}`" for tier in tiers)],
+        "selectedColumns": [
+            *view["columns"],
+            *(f"tags.`{factor}`" for factor in factors),
+            *(f"metrics.`run/first.{tier}`" for tier in tiers),
+        ],
         "compareRunCharts": [
             {**view["chart"], "uuid": name, "metricKey": name, "selectedMetricKeys": [name]}
             for name in charts

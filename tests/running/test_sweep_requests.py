@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import re
 import runpy
+import shlex
 import shutil
 from pathlib import Path
 
@@ -15,10 +16,12 @@ from click.testing import CliRunner, Result
 
 import islandgp
 from islandgp.cli import islandgp as group
+from islandgp.config.compose import is_sweep_file, planned
+from islandgp.config.reads import must_be_read
 from islandgp.config.sources import ConfigSource
 from islandgp.records.parameters import flatten
 from islandgp.resources import resource
-from islandgp.running.app import main
+from islandgp.running.app import main, parsed_argv
 from islandgp.tracking.store import Store
 from tests.composed import plain
 from tests.running.commands import ROOT, TINY, fake
@@ -178,3 +181,23 @@ def test_a_search_over_what_its_objective_is_in_is_refused(key: str) -> None:
     names["OBJECTIVES"].clear()
     names["OBJECTIVES"]["mean_diversity"] = "maximize"
     assert names["objective"](trial, [*QUIET, *fake("Instant")])[0] > 0
+
+
+def test_the_documented_sweeps_vary_what_acts(cwd: Path) -> None:
+    """Each command and the file of docs/sweeps.md, and the space of the Optuna example."""
+    text = (ROOT / "docs/sweeps.md").read_text(encoding="utf-8")
+    (file,) = re.findall(r"^```yaml\n# (\S+)\n(.*?)^```", text, re.MULTILINE | re.DOTALL)
+    (cwd / file[0]).parent.mkdir(parents=True)
+    (cwd / file[0]).write_text(file[1])
+    lines = re.findall(r"^(?:\$ )?python -m islandgp (.*)$", text, re.MULTILINE)
+    assert len(lines) == 3
+    for line in lines:
+        args, argv = parsed_argv(shlex.split(line))
+        source = ConfigSource.of(args)
+        args.multirun = args.multirun or is_sweep_file(args, source)
+        jobs = list(planned(args, argv, cwd))
+        must_be_read(jobs, source)
+        assert len(jobs) > 1, line
+    names = runpy.run_path(str(ROOT / "examples/optuna_search.py"))
+    values = {"gp.mutation_rate": 0.5, "gp.tournament_size": 3, "supervisor": "expert"}
+    islandgp.compose("search=paper", *names["space"](optuna.trial.FixedTrial(values)))
