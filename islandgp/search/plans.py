@@ -9,8 +9,9 @@ Each episode is observed. From its samples the search learns models of the actio
 - `probe`: a plan for a combination of conditions in which an action that never succeeded was
   tried least, and then that action.
 
-The others are made as in `racing`. Backchaining as in Colledanchise and Ogren's PA-BT; the repair
-of failed actions as in BETR-XP-LLM (Styrud et al. 2024, arXiv 2409.13356).
+The others are made as in `racing`, without children that would act as their mother (`neutral`).
+Backchaining as in Colledanchise and Ogren's PA-BT; the repair of failed actions as in BETR-XP-LLM
+(Styrud et al. 2024, arXiv 2409.13356).
 """
 
 from __future__ import annotations
@@ -36,6 +37,7 @@ from islandgp.bt.core.node import (
     within,
 )
 from islandgp.bt.core.printer import head
+from islandgp.domain import ActionSample
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Evaluated, Origin
 from islandgp.gp.random_trees import weighted
@@ -48,11 +50,14 @@ from islandgp.search.action_models import (
     without_numbers,
 )
 from islandgp.search.base import SearchState
-from islandgp.search.breeding import GenerationPlan, Pick, Proposal
+from islandgp.search.breeding import GenerationPlan, Pick, Proposal, digest, new_child
+from islandgp.search.neutral import Screen
 from islandgp.search.planning import Planner, Rule, branches
 from islandgp.search.racing import Racing, RacingMemory, RacingSettings
 
 TRIES: Final = 10  # attempts to make a tree from a plan
+CHILDREN: Final = 15  # attempts to make a child that does not act as its mother
+MAX_SAMPLES: Final = 60  # of a survivor that are kept
 CONJUNCTIONS: Final = 40  # that a probe compares
 OTHER_STATE: Final = 0.5  # chance that a known action is probed under one more condition
 PROBE_WEIGHT: Final = 3.0  # of probes while nothing earns points; the others have weight 1
@@ -72,6 +77,8 @@ class PlansMemory:
 
     racing: RacingMemory
     actions: dict[str, ActionRecord] = field(default_factory=dict)  # by text of the leaf
+    visited: dict[str, tuple[ActionSample, ...]] = field(default_factory=dict)
+    """Samples of the last evaluation of each survivor, by digest."""
 
 
 class Plans(Racing):
@@ -93,9 +100,19 @@ class Plans(Racing):
         maker = PlanMaker(self.plan, self.models(memory), memory, contents.pick)
         stuck = bool(maker.unknown)
         share = self.settings.planned_stuck if stuck else self.settings.planned
+        screen = Screen(self.plan.vocabulary, memory.visited)
 
         def propose(rng: np.random.Generator) -> Proposal | None:
-            return maker.tree(rng) if rng.random() < share else None
+            if rng.random() < share and (planned := maker.tree(rng)) is not None:
+                return planned
+            if contents.pick is None:
+                return None
+            for _ in range(CHILDREN):
+                mother, fathers = contents.pick(rng)
+                child = new_child(rng, mother, fathers, self.plan.space, self.settings.breeding)
+                if not screen.neutral(child[0], mother.tree):
+                    break
+            return child
 
         return replace(contents, propose=propose)
 
@@ -121,7 +138,16 @@ class Plans(Racing):
         )
         actions = {} if before is None else before.actions
         samples = (sample for e in evaluated for sample in e.outcome.samples)
-        return PlansMemory(racing, recorded(actions, samples, self.plan.vocabulary))
+        visited = {} if before is None else dict(before.visited)
+        for e in evaluated:
+            known = [sample for sample in e.outcome.samples if sample.start]
+            visited[digest(e.individual.tree)] = tuple(known[:MAX_SAMPLES])
+        survivors = [digest(entry.tree) for entry in racing.entries]
+        return PlansMemory(
+            racing,
+            recorded(actions, samples, self.plan.vocabulary),
+            {name: visited[name] for name in survivors if name in visited},
+        )
 
 
 Made = tuple[Node, tuple[str, ...]]

@@ -31,6 +31,8 @@ from islandgp.running.report import report
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.search.action_models import ActionModel, Learner
+from islandgp.search.breeding import digest
+from islandgp.search.neutral import Screen
 from islandgp.search.planning import Planner, branches
 from islandgp.search.plans import Plans, PlansMemory
 from islandgp.search.racing import RacingMemory
@@ -189,6 +191,22 @@ def test_declarations_are_evidence_of_actions_that_were_never_tried() -> None:
     rules = planner.plan(np.random.default_rng(0), models["Open"])
     assert [head(rule.leaf) for rule in rules] in (["Drive", "Open"], ["Drive(to: door)", "Open"])
     assert words(rules[0].when) == {"place != door"}
+
+
+@pytest.mark.parametrize(
+    ("child", "neutral"),
+    [
+        ("selector { when place != shelf { Drive } Fetch }", True),
+        ("selector { when place == yard { Drive } Open }", False),
+    ],
+)
+def test_a_neutral_child_calls_the_same_actions(child: str, neutral: bool) -> None:
+    """On all blackboards on which its mother's actions started."""
+    mother = parse("selector { when place == yard { Drive } Fetch }", VOCABULARY)
+    observer = ActionObserver(mother, VOCABULARY)
+    chain().run_episode(mother, 0, {}, observer)
+    screen = Screen(VOCABULARY, {digest(mother): observer.samples()})
+    assert screen.neutral(parse(child, VOCABULARY), mother) == neutral
 
 
 def test_what_was_learned_is_printed_and_explained(
