@@ -11,7 +11,7 @@ import click
 
 from islandgp.bt.analysis.compare import Mark, compare
 from islandgp.bt.analysis.simplify import simplify
-from islandgp.bt.core.builder import NodePlace
+from islandgp.bt.core.builder import SourceSpan
 from islandgp.bt.core.inspection import PlacedTree, parse_placed
 from islandgp.bt.core.language import domain_of
 from islandgp.bt.core.node import Node
@@ -73,7 +73,7 @@ def _do_the_same(a: Node, b: Node, read_vocabulary: Callable[[], Vocabulary]) ->
 
 
 def _lines(
-    a: Node, b: Node, file_places: tuple[Sequence[NodePlace], Sequence[NodePlace]], show_all: bool
+    a: Node, b: Node, file_places: tuple[Sequence[SourceSpan], Sequence[SourceSpan]], show_all: bool
 ) -> Iterator[str]:
     lines = compare(a, b)
     for line in lines:

@@ -9,7 +9,7 @@ import click
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.bt.export import behaviortree_cpp, py_trees
-from islandgp.bt.export.plan import Loss
+from islandgp.bt.export.plan import SemanticDifference
 from islandgp.commands.files import FILE, STDIN, check_other_file, write_text
 from islandgp.commands.options import (
     DomainOptions,
@@ -94,7 +94,7 @@ def command(
 
 def _export(
     tree: Node, form: str, vocabulary: Vocabulary, plain: bool, step: float | None
-) -> tuple[str, list[Loss]]:
+) -> tuple[str, list[SemanticDifference]]:
     other = behaviortree_cpp if form == "btcpp" else py_trees
     write = behaviortree_cpp.to_xml if form == "btcpp" else py_trees.to_python
     text = write(tree, vocabulary, plain=plain, step_s=step)

@@ -115,7 +115,7 @@ def test_wrong_arguments(text: str, message: str) -> None:
         (real("", "0", 1), "a finite number as low"),
         (real("", 0, 10**400), "a finite number as high"),
         (real("", 0, 1, unit=3), "a valid string as unit"),
-        (whole("", 0, 2**53), "at most 1,000,000"),
+        (whole("", 0, 2**53), "to 1,000,000"),
         (whole("", 0, 3, default=inf), "a finite number as default"),
         (switch("", default=1), "a default of no | yes"),
         (one_of("", (1, 2)), "a valid string as words.0"),

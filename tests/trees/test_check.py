@@ -394,7 +394,7 @@ def test_the_vocabulary_of_the_domain_that_the_file_names(islandgp: Cli, tmp_pat
 
 @pytest.mark.parametrize(
     "arguments",
-    [("simplify",), ("export", "--to", "json"), ("play",), ("trace",), ("replay",)],
+    [("simplify",), ("export", "--to", "pytrees"), ("play",), ("trace",), ("replay",)],
     ids=lambda arguments: arguments[0],
 )
 def test_a_domain_that_is_not_there(
@@ -460,6 +460,7 @@ DOUBTFUL = {
     "double-inverter": "inverter { inverter { PatrolWaypoint } }",
     "never-succeeds": "when batteryLevel < 15 { ExecuteCharge }",
     "needless-abort": "when foundGarbage abort lower { PatrolWaypoint }",
+    "parallel-count": "parallel success 3 { PatrolWaypoint PickupGarbage }",
     "unused-subtree": "subtree x = PatrolWaypoint\nPatrolWaypoint",
     "unused-constant": "constant x = 1\nPatrolWaypoint",
     "unused-parameter": "subtree s(x) = PatrolWaypoint\nuse s(1)",

@@ -32,12 +32,12 @@ from islandgp.bt.analysis.satisfiability import (
     shortened,
     without_decimals,
 )
-from islandgp.bt.core.builder import NodePlace
+from islandgp.bt.core.builder import SourceSpan
 from islandgp.bt.core.condition import ConditionExpr, terms
 from islandgp.bt.core.inspection import parse_placed
 from islandgp.bt.core.kinds import advance_status, kind_of
 from islandgp.bt.core.language import plain
-from islandgp.bt.core.node import FAILURE, SUCCESS, GuardArgs, Node, size
+from islandgp.bt.core.node import FAILURE, SUCCESS, GuardArgs, Node, ParallelArgs, size
 from islandgp.bt.core.printer import condition_text, head
 from islandgp.bt.core.scope import NUMBER, name_places
 from islandgp.bt.core.source import Source
@@ -56,6 +56,7 @@ CODES: Final = {
     "double-inverter": "an inverter of an inverter",
     "never-succeeds": "an action that can never succeed in its place",
     "needless-abort": "an abort rule that stops nothing",
+    "parallel-count": "a parallel that needs more children than it has",
     "unused-subtree": "a named subtree that is never used",
     "unused-constant": "a constant that is never used",
     "unused-parameter": "a parameter that its subtree does not use",
@@ -158,7 +159,7 @@ def warnings(
     return sorted([*_unused(file), *doubtful])
 
 
-def _uses_of(places: Sequence[NodePlace], others: Sequence[NodePlace]) -> str:
+def _uses_of(places: Sequence[SourceSpan], others: Sequence[SourceSpan]) -> str:
     """The uses of a subtree to which a warning applies, for its message.
 
     Args:
@@ -212,6 +213,11 @@ def _about(place: _Place, at: int, undone: Undone) -> Iterator[tuple[int, str, s
         yield from _never_goes_on(node, context, at)
     elif kind.inverts and kind_of(node.children[0]).inverts:
         yield at, "double-inverter", "double inverter: the two undo each other"
+    elif isinstance(node.args, ParallelArgs):
+        for count in node.args:
+            if isinstance(count, int | float) and count > len(node.children):
+                message = f"{head(node)} has {len(node.children)} children, so it needs all of them"
+                yield at, "parallel-count", message
     elif node.guard:
         yield from _guard(node.guard, place, at)
     elif node.action:

@@ -17,13 +17,13 @@ from islandgp.bt.core.scope import (
     ANYTHING,
     NODE,
     BuiltSubtree,
-    Fitting,
+    ParameterType,
     Scope,
     ScopedWord,
     Template,
     check_form,
     check_name,
-    fitting_of,
+    parameter_types,
 )
 from islandgp.bt.core.source import Source, closest, shown
 from islandgp.bt.core.vocabulary import Vocabulary
@@ -41,7 +41,7 @@ NO_TREE: Final = sequence()
 """Result for a file that only has definitions: a sequence without children."""
 
 
-class NodePlace(NamedTuple):
+class SourceSpan(NamedTuple):
     """The place of a node in its file."""
 
     line: int  # from 1
@@ -134,7 +134,7 @@ class Builder:
             names.add(str(parameter))
         # Built once with open parameters, to find errors in the definition.
         outside, source = self._scope, self._scope.source
-        fitting = fitting_of(parameters, body, self._templates, source)
+        fitting = parameter_types(parameters, body, self._templates, source)
         self._scope = replace(outside, values={str(p): _open(p, source) for p in parameters})
         tree = self._finished(self._whole(body, name))
         self._templates[str(name)] = Template(fitting, body, tree)
@@ -179,7 +179,9 @@ class Builder:
                 expected=f"`use {name}({', '.join(parameters)})`",
             )
 
-    def _passed(self, argument: Any, fitting: Fitting, parameter: str, level: int) -> ScopedWord:
+    def _passed(
+        self, argument: Any, fitting: ParameterType, parameter: str, level: int
+    ) -> ScopedWord:
         """The argument that is passed for a parameter; `parameter`: as messages call it."""
         if hasattr(argument, "data"):  # an action with arguments, or a use
             word = ScopedWord(argument.children[0], self._scope.source, parameter=parameter)
@@ -226,12 +228,12 @@ class Builder:
         self._name, self._base, self._places = name, base, []
         return self._node(tree, 1)
 
-    def places(self) -> list[NodePlace]:
+    def places(self) -> list[SourceSpan]:
         """The place of each node of the built tree, in document order.
 
         A node of an included subtree has the place of its use. The parse trees must be placed.
         """
-        places: list[NodePlace] = []
+        places: list[SourceSpan] = []
         inside: list[tuple[Iterator[Any], tuple[int, int] | None, tuple[tuple[int, int], ...]]]
         inside = [(iter(self._places), None, ())]
         while inside:
@@ -245,7 +247,7 @@ class Builder:
                     inside.append((iter(subtree.places), at or (None if own else here), around))
                     break
                 line, column = at or (each.line, each.column)
-                places.append(NodePlace(line, column, id(each), uses))
+                places.append(SourceSpan(line, column, id(each), uses))
             else:
                 inside.pop()
         return places

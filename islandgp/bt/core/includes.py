@@ -19,7 +19,7 @@ class ParsedFile(NamedTuple):
     tree: Any  # lark.Tree; of its grammar's rule start or library
 
 
-def gathered(
+def load_includes(
     main: Source,
     folder: Path | None,
     grammar: Callable[[Source, str], Any],

@@ -7,7 +7,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from islandgp.bt.core.builder import Builder, NodePlace
+from islandgp.bt.core.builder import Builder, SourceSpan
 from islandgp.bt.core.includes import MAX_FILES
 from islandgp.bt.core.language import built, files_of
 from islandgp.bt.core.node import Node
@@ -16,14 +16,14 @@ from islandgp.errors import TreeError
 
 _INCLUDE: Final = re.compile(r'^\s*include\s*"([^"\n]+)"', re.MULTILINE)
 
-MAX_READ: Final = 100_000  # most characters that `mentioned` reads of a file
+MAX_READ: Final = 100_000  # most characters that `find_includes` reads of a file
 
 
 class PlacedTree(NamedTuple):
     """The tree that a text means, with the places of its nodes."""
 
     node: Node
-    places: list[NodePlace]  # of each node, in document order
+    places: list[SourceSpan]  # of each node, in document order
     file: Any  # lark.Tree of the text
 
 
@@ -61,7 +61,7 @@ def tree_errors(
     return list({str(error): error for error in errors}.values())
 
 
-def mentioned(text: str, folder: Path) -> dict[Path, str]:
+def find_includes(text: str, folder: Path) -> dict[Path, str]:
     """The files that a text includes, directly or indirectly, with their texts.
 
     Does not raise: a file that cannot be read is "", and invalid includes are skipped. For editors,

@@ -16,7 +16,7 @@ from islandgp.bt.core.builder import MAX_LEVELS as MAX_LEVELS
 from islandgp.bt.core.builder import MAX_NODES as MAX_NODES
 from islandgp.bt.core.builder import Builder
 from islandgp.bt.core.condition import ConditionExpr
-from islandgp.bt.core.includes import ParsedFile, gathered
+from islandgp.bt.core.includes import ParsedFile, load_includes
 from islandgp.bt.core.kind import Sort
 from islandgp.bt.core.kinds import CALLABLE, KINDS, RESERVED
 from islandgp.bt.core.node import Node
@@ -98,7 +98,7 @@ def files_of(
     def grammar(source: Source, rule: str) -> Any:
         return _parsed(source, rule, vocabulary, placed)
 
-    parts = gathered(Source(plain(text), name), folder, grammar, MAX_CHARACTERS, start=start)
+    parts = load_includes(Source(plain(text), name), folder, grammar, MAX_CHARACTERS, start=start)
     for source, tree in parts:
         if tree.children and getattr(tree.children[0], "data", "") == "domain":
             _check_domain(source, tree.children[0].children[0], vocabulary)

@@ -12,11 +12,11 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
-from math import inf, isfinite, sqrt
+from math import isfinite, sqrt
 from typing import Annotated, Any, ClassVar, Final, Literal, TypeAlias
 
 from pydantic import (
@@ -238,28 +238,37 @@ def check_parameters(parameters: Mapping[str, Parameter], where: str) -> None:
                 f"Expected at least one word, each once, for {at}, found {[*each.words]}."
             )
         if each.numeric:
-            _check_range(each, at)
+            whole = (each.low, each.high) if each.sort == "integer" else ()
+            check_range(each, at, whole, above_0=each.logarithmic)
         if not fits(each, each.default):
             raise DomainError(
                 f"Expected a default of {value_range(each)} for {at}, found {each.default!r}."
             )
 
 
-def _check_range(each: Parameter, at: str) -> None:
-    least = 0.0 if each.logarithmic else -inf
-    if not (-MAX_MAGNITUDE <= each.low < each.high <= MAX_MAGNITUDE and each.low > least):
-        above = " above 0" if each.logarithmic else ""
+def check_range(entry: Any, where: str, whole: Iterable[float] = (), *, above_0: bool) -> None:
+    """Raises DomainError for an empty or too large range of a parameter or a key.
+
+    Args:
+        entry: with low, high and step.
+        where: its name in messages.
+        whole: numbers that have no decimals.
+        above_0: True if all values are above 0.
+    """
+    low, high, step = entry.low, entry.high, entry.step
+    if not -MAX_MAGNITUDE <= low < high <= MAX_MAGNITUDE or (above_0 and low <= 0):
         raise DomainError(
-            f"Expected low < high{above}, at most {MAX_MAGNITUDE:,}, for {at}, found {each.low:g},"
-            f" {each.high:g}."
+            f"Expected low < high{' above 0' * above_0}, both from -{MAX_MAGNITUDE:,} to"
+            f" {MAX_MAGNITUDE:,}, for {where}, found {low:g}, {high:g}."
         )
-    if each.step is not None and not SMALLEST_STEP <= each.step <= each.high - each.low:
+    if step is not None and not SMALLEST_STEP <= step <= high - low:
         raise DomainError(
-            f"Expected a step from {SMALLEST_STEP:g} to high - low, or None, for {at}, found"
-            f" {each.step:g}."
+            f"Expected a step from {SMALLEST_STEP:g} to high - low for {where}, found {step:g}."
         )
-    if each.sort == "integer" and (each.low != int(each.low) or each.high != int(each.high)):
-        raise DomainError(f"Expected whole numbers as low and high of {at}.")
+    if wrong := [number for number in whole if number % 1]:
+        raise DomainError(
+            f"Expected whole numbers as low, high, step and most of {where}, found {wrong[0]!r}."
+        )
 
 
 def from_declaration(declaration: object) -> object:

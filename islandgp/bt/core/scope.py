@@ -150,16 +150,16 @@ class Scope:
         )
 
 
-Fitting: TypeAlias = frozenset[str]
+ParameterType: TypeAlias = frozenset[str]
 """The forms of arguments that fit a place: number, key, word, text, node."""
 
-NUMBER: Final[Fitting] = frozenset({"number"})
-KEY: Final[Fitting] = frozenset({"key"})
-TERM: Final[Fitting] = NUMBER | KEY  # of a sum
-OPERAND: Final[Fitting] = frozenset({"number", "word", "key"})  # on the right of a comparison
-VALUE: Final[Fitting] = frozenset({"number", "word", "text"})  # of an action's argument
-NODE: Final[Fitting] = frozenset({"node"})
-ANYTHING: Final[Fitting] = NUMBER | KEY | VALUE | NODE  # of a parameter that is never used
+NUMBER: Final[ParameterType] = frozenset({"number"})
+KEY: Final[ParameterType] = frozenset({"key"})
+TERM: Final[ParameterType] = NUMBER | KEY  # of a sum
+OPERAND: Final[ParameterType] = frozenset({"number", "word", "key"})  # on the right of a comparison
+VALUE: Final[ParameterType] = frozenset({"number", "word", "text"})  # of an action's argument
+NODE: Final[ParameterType] = frozenset({"node"})
+ANYTHING: Final[ParameterType] = NUMBER | KEY | VALUE | NODE  # of a parameter that is never used
 
 _FORMS: Final = {
     "number": "a number",
@@ -185,20 +185,20 @@ class BuiltSubtree:
 class Template:
     """The definition of a subtree. One with parameters is built for each set of arguments."""
 
-    parameters: Mapping[str, Fitting]  # in order
+    parameters: Mapping[str, ParameterType]  # in order
     body: _Tree
     tree: BuiltSubtree  # with open parameters
 
 
-def in_words(fitting: Fitting) -> str:
+def in_words(fitting: ParameterType) -> str:
     """The arguments that fit a place: `a number or a key`."""
     *others, last = (words for form, words in _FORMS.items() if form in fitting)
     return f"{', '.join(others)} or {last}" if others else last
 
 
-def fitting_of(
+def parameter_types(
     parameters: Sequence[_Token], body: _Tree, templates: Mapping[str, Template], source: Source
-) -> dict[str, Fitting]:
+) -> dict[str, ParameterType]:
     """What fits each parameter of a subtree: what fits all places that have it.
 
     Raises:
@@ -220,7 +220,9 @@ def fitting_of(
     return fittings
 
 
-def name_places(tree: _Tree, templates: Mapping[str, Template]) -> Iterator[tuple[_Token, Fitting]]:
+def name_places(
+    tree: _Tree, templates: Mapping[str, Template]
+) -> Iterator[tuple[_Token, ParameterType]]:
     """The names that can be parameters or constants in a parse tree, in order, and what fits."""
     waiting = [tree]
     while waiting:
@@ -258,12 +260,12 @@ def name_places(tree: _Tree, templates: Mapping[str, Template]) -> Iterator[tupl
         waiting += [each for each in reversed(below) if hasattr(each, "children")]
 
 
-def _names(*places: tuple[Any, Fitting]) -> Iterator[tuple[_Token, Fitting]]:
+def _names(*places: tuple[Any, ParameterType]) -> Iterator[tuple[_Token, ParameterType]]:
     return (place for place in places if getattr(place[0], "type", "") == "NAME")
 
 
 def check_form(
-    word: ScopedWord, form: str, fitting: Fitting, vocabulary: Vocabulary | None
+    word: ScopedWord, form: str, fitting: ParameterType, vocabulary: Vocabulary | None
 ) -> None:
     """Raises TreeError unless an argument of that form fits."""
     if form not in fitting:
@@ -272,7 +274,7 @@ def check_form(
 
 def check_name(
     word: ScopedWord,
-    fitting: Fitting,
+    fitting: ParameterType,
     scope: Scope,
     vocabulary: Vocabulary | None,
     subtrees: Collection[str],
@@ -304,7 +306,7 @@ def check_name(
 
 
 def _unfit(
-    word: ScopedWord, fitting: Fitting, vocabulary: Vocabulary | None, guess: str = ""
+    word: ScopedWord, fitting: ParameterType, vocabulary: Vocabulary | None, guess: str = ""
 ) -> TreeError:
     keys = ", ".join(vocabulary.keys) if vocabulary and fitting == KEY else ""
     return word.error(

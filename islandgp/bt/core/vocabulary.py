@@ -21,13 +21,12 @@ from islandgp.bt.core.kinds import RESERVED as RESERVED
 from islandgp.bt.core.node import FAILURE, RUNNING, STATUS_NAMES, SUCCESS, Node, Value
 from islandgp.bt.core.parameters import (
     CHECKED,
-    MAX_MAGNITUDE,
     NO_YES,
-    SMALLEST_STEP,
     Flag,
     Number,
     Parameter,
     check_parameters,
+    check_range,
     from_declaration,
     leaf_of,
     validated,
@@ -294,23 +293,10 @@ def _check_action(action: Action, where: str, keys: Mapping[str, Key]) -> None:
 
 def _check_range(key: Key, where: str) -> None:
     """Raises DomainError for a number whose range is empty or too large."""
-    if not -MAX_MAGNITUDE <= key.low < key.high <= MAX_MAGNITUDE:
-        raise DomainError(
-            f"Expected low < high, both from -{MAX_MAGNITUDE:,} to {MAX_MAGNITUDE:,}, for {where},"
-            f" found {key.low:g}, {key.high:g}."
-        )
-    if not SMALLEST_STEP <= key.step <= key.high - key.low:
-        raise DomainError(
-            f"Expected a step from {SMALLEST_STEP:g} to high - low for {where}, found {key.step:g}."
-        )
+    whole = (key.low, key.high, key.step, key.most or 0) if key.whole else ()
+    check_range(key, where, whole, above_0=False)
     if key.most is not None and key.most <= key.low:
         raise DomainError(f"Expected most above low for {where}, found {key.most:g}, {key.low:g}.")
-    bounds = (key.low, key.high, key.step, key.most or 0)
-    if key.whole and any(bound % 1 for bound in bounds):
-        raise DomainError(
-            f"Expected whole numbers as low, high, step and most of {where}, found"
-            f" {', '.join(map(repr, bounds))}."
-        )
     if key.noise < 0:
         raise DomainError(f"Expected noise of at least 0 for {where}, found {key.noise:g}.")
 

@@ -45,7 +45,7 @@ from islandgp.bt.export.plan import (
     CLOCK,
     PLUGINS,
     SUBTREE,
-    Loss,
+    SemanticDifference,
     TargetNode,
     check_kinds,
     guard_losses,
@@ -81,25 +81,27 @@ BUILT_IN: Final = frozenset((
 ))  # fmt: skip
 """Names of nodes of the library, of our header and of Nav2, which actions cannot have."""
 
-REPEAT = Loss(
+REPEAT = SemanticDifference(
     "repeat",
     "Repeat and RetryUntilSuccessful start the next repetition in the tick in which one ends; only"
     " if the repetition took one tick, tickExactlyOnce starts the next one in its next call."
     " islandgp always starts the next repetition in the next tick",
 )
-JUDGED = Loss(
+JUDGED = SemanticDifference(
     "judged",
     "Parallel ends at the child that decides, and does not tick later children in that tick;"
     " if children fail and succeed in one tick, the first of them decides",
 )
-POLICY = Loss(
+POLICY = SemanticDifference(
     "policy",
     "Parallel fails as soon as it can no longer succeed: with success all, at the first failure",
 )
-EQUAL = Loss("equal", "== and != treat two numbers that differ by at most 0.00000012 as equal")
+EQUAL = SemanticDifference(
+    "equal", "== and != treat two numbers that differ by at most 0.00000012 as equal"
+)
 
 
-def losses(tree: Node) -> list[Loss]:
+def losses(tree: Node) -> list[SemanticDifference]:
     """The differences in behaviour of a plain file, each kind once."""
     differences = guard_losses(tree)
     for node in walk(tree):

@@ -12,7 +12,7 @@ from islandgp.bt.core.condition import Compound, Condition, ConditionExpr, negat
 from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.node import Node, guarded, walk
 from islandgp.bt.core.vocabulary import Vocabulary
-from islandgp.bt.export.plan import Loss
+from islandgp.bt.export.plan import SemanticDifference
 
 Test: TypeAlias = ConditionExpr | Node
 
@@ -20,13 +20,15 @@ SKIPS: Final = ("_skipIf", "_while")
 PRECONDITIONS: Final = ("_failureIf", "_successIf", *SKIPS)
 """Attributes, in the order in which they are evaluated."""
 
-ASKED = Loss(
+ASKED = SemanticDifference(
     "asked",
     "IfThenElse evaluates its condition once; islandgp evaluates it again when the second child"
     " succeeds, and runs the third if the condition is false then",
 )
-TWICE = Loss("twice", "a condition leaf before two branches is evaluated for each of them")
-SKIPPED = Loss(
+TWICE = SemanticDifference(
+    "twice", "a condition leaf before two branches is evaluated for each of them"
+)
+SKIPPED = SemanticDifference(
     "skipped",
     "a node that a precondition skips is ignored, and so is its composite if all children are"
     " skipped; in islandgp the node ends with the status after which its composite continues",

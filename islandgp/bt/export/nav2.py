@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Final
 
-from islandgp.bt.export.plan import Loss
+from islandgp.bt.export.plan import SemanticDifference
 
 GATES: Final = {
     "DistanceController": "sequence",
@@ -20,17 +20,17 @@ In a sequence the leaf succeeds when the child is due. In a selector the leaf, a
 inverted: if it fails, the decorator succeeds without its child.
 """
 
-GATE = Loss(
+GATE = SemanticDifference(
     "gate",
     "a decorator of Nav2 becomes a leaf before its child, which the program has to provide: the"
     " leaf runs until the child is due, and is not ticked while the child runs",
 )
-RATE = Loss(
+RATE = SemanticDifference(
     "rate",
     "a RateController starts its child at once after a node above it was reset; `every` does so"
     " only after an abort or a failure of its own",
 )
-ROUND = Loss(
+ROUND = SemanticDifference(
     "round",
     'RoundRobin without wrap_around="true" ends after its last child in newer releases of Nav2;'
     " round_robin continues with the first one",

@@ -47,47 +47,47 @@ class TargetNode(NamedTuple):
     comments: tuple[str, ...] = ()  # lines above the node of ours
 
 
-class Loss(NamedTuple):
+class SemanticDifference(NamedTuple):
     """A difference in behaviour after an export or an import."""
 
     about: str  # level, order, resumed, inner, ...: the rows of docs/exports.md
     message: str
 
 
-LEVEL = Loss(
+LEVEL = SemanticDifference(
     "level",
     "an interrupting guard interrupts whenever it holds, not only when it becomes true:"
     " a branch that failed is tried again in the next tick",
 )
-ORDER = Loss(
+ORDER = SemanticDifference(
     "order",
     "an interrupting branch starts before the interrupted one is halted, so that two branches"
     " are active at once for a moment; islandgp halts the interrupted one first",
 )
-RESUMED = Loss(
+RESUMED = SemanticDifference(
     "resumed",
     "if an interrupting branch fails at once, the other branch continues without an interruption;"
     " in islandgp it was halted and starts again",
 )
-DROPPED = Loss(
+DROPPED = SemanticDifference(
     "dropped",
     "an abort rule lower or both does not interrupt: the library has no equivalent in this place",
 )
-INNER = Loss(
+INNER = SemanticDifference(
     "inner",
     "below an interrupting guard, a guard that does not interrupt does so as well, as both are"
     " evaluated in each tick",
 )
 
 
-CLOCK = Loss(
+CLOCK = SemanticDifference(
     "clock",
     "the library measures a wait or a timeout by the computer's clock; islandgp counts ticks, so"
     " that each run is the same",
 )
 
 
-PLUGINS = Loss(
+PLUGINS = SemanticDifference(
     "nav2",
     "PipelineSequence, RoundRobin, RecoveryNode and RateController are nodes of Nav2, which the"
     " program has to register; an action below a PipelineSequence has to start again after its end,"
@@ -263,9 +263,9 @@ def fresh_name(name: str, taken: set[str]) -> str:
     return candidate
 
 
-def guard_losses(tree: Node) -> set[Loss]:
+def guard_losses(tree: Node) -> set[SemanticDifference]:
     """The changes that `plan` makes to the meaning of guards."""
-    differences: set[Loss] = set()
+    differences: set[SemanticDifference] = set()
     for node in walk(tree):
         earlier = node.children[:-1] if node.kind in ("selector", "sequence") else ()
         for branch in filter(has_interrupting_guard, earlier):

@@ -43,7 +43,7 @@ from islandgp.bt.export.plan import (
     CHECK,
     CLOCK,
     SUBTREE,
-    Loss,
+    SemanticDifference,
     TargetNode,
     check_kinds,
     guard_losses,
@@ -54,7 +54,9 @@ from islandgp.bt.export.plan import (
     subtree_of,
 )
 
-POLICY = Loss("policy", "any failing child fails a Parallel of py_trees, which has no counts")
+POLICY = SemanticDifference(
+    "policy", "any failing child fails a Parallel of py_trees, which has no counts"
+)
 
 _SUBTREE: Final = '''def {name}(action):
     """A subtree of the tree."""
@@ -83,7 +85,7 @@ _DIVIDE: Final = f"import math\n\n\n{getsource(divide)}\n\n"
 _COMPARE: Final = {"<": "lt", "<=": "le", ">": "gt", ">=": "ge", "==": "eq", "!=": "ne"}
 
 
-def losses(tree: Node) -> list[Loss]:
+def losses(tree: Node) -> list[SemanticDifference]:
     """The differences in behaviour of a plain module, each kind once."""
     differences = guard_losses(tree)
     nodes = list(walk(tree))

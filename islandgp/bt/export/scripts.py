@@ -1,38 +1,39 @@
-"""Conditions of other tools: scripts of BehaviorTree.CPP such as `level < 25 && !found`."""
+"""Scripts of BehaviorTree.CPP such as `level < 25 && !found` or `tries := tries + 1`.
+
+A script is translated to the language, word by word, and the parser checks it.
+"""
 
 from __future__ import annotations
 
 import re
-from typing import Final, NoReturn, TypeAlias
+from collections.abc import Callable
+from typing import Final, NoReturn, TypeVar
 
-from islandgp.bt.core.arithmetic import Named, Operation, Term, bounds, negative, number_text
 from islandgp.bt.core.condition import (
     OPERATORS,
     OPPOSITE,
-    Compound,
     Condition,
     ConditionExpr,
     combine,
-    comparison,
     negate,
 )
-from islandgp.bt.core.kinds import NAME
-from islandgp.bt.core.node_builder import MAX_NESTED, MAX_OPERANDS, MAX_TERMS
-from islandgp.bt.core.parameters import NO_YES
-from islandgp.bt.core.scope import MAX_NUMBER
-from islandgp.bt.core.source import closest, shown
-from islandgp.bt.core.vocabulary import Key, Vocabulary
+from islandgp.bt.core.language import parse, parse_condition
+from islandgp.bt.core.node import SetArgs
+from islandgp.bt.core.node_builder import MAX_NESTED
+from islandgp.bt.core.source import shown
+from islandgp.bt.core.vocabulary import Vocabulary
+from islandgp.errors import TreeError
+
+T = TypeVar("T")
 
 _WORD: Final = re.compile(
     r"\s*(&&|\|\||[<>=!]=|[-+*/()<>!]|[0-9]+(?:\.[0-9]+)?(?![\w.])|'\w*'|[A-Za-z_]\w*)"
 )
+_ASSIGNMENT: Final = re.compile(r"\s*([A-Za-z_]\w*)\s*(:=|[-+*/]?=)(?!=)(.*)", re.DOTALL)
+_PLACE: Final = re.compile(r"^.*?:\d+:\d+: ")
+_JOINT: Final = {"&&": "and", "||": "or"}
 NOT_A_NUMBER: Final = ("<", "<=", ">", ">=")
 """Operators by which 0 / 0 compares with any number in the library, and with none in trees."""
-
-_PRECEDENCE: Final = {"+": 1, "-": 1, "*": 2, "/": 2}
-
-_Value: TypeAlias = "Term | Condition | Compound"
-"""A part of a script: a name may be a key, a flag or a word, and a text keeps its quotes."""
 
 
 def read_condition(code: str, vocabulary: Vocabulary) -> ConditionExpr:
@@ -41,10 +42,8 @@ def read_condition(code: str, vocabulary: Vocabulary) -> ConditionExpr:
     Raises:
         ValueError: the script has no equivalent condition; the message has the reason.
     """
-    return _Script(code, vocabulary).read()
-
-
-_ASSIGNMENT: Final = re.compile(r"\s*([A-Za-z_]\w*)\s*(:=|[-+*/]?=)(?!=)(.*)", re.DOTALL)
+    text = _Script(code, vocabulary).condition()
+    return _with_numbers(_read(lambda: parse_condition(text, vocabulary), code))
 
 
 def read_assignments(code: str, vocabulary: Vocabulary) -> list[Condition]:
@@ -60,94 +59,103 @@ def read_assignments(code: str, vocabulary: Vocabulary) -> list[Condition]:
             raise ValueError(f"expected key := value, found {shown(statement.strip())}")
         name, sign, right = match.groups()
         right = right if sign in (":=", "=") else f"{name} {sign[0]} ({right})"
-        assigned.append(_Script(right, vocabulary).assigned(name))
+        text = f"set {name} = {_Script(right, vocabulary).value(name)}"
+        args = _read(lambda text=text: parse(text, vocabulary), statement).args  # type: ignore[misc]
+        assert isinstance(args, SetArgs)
+        assigned.append(args.assigned)
     if not assigned:
         raise ValueError("expected key := value, found an empty script")
     return assigned
 
 
+def _read(read: Callable[[], T], code: str) -> T:
+    """What is read from a translated script. Raises ValueError with the message in a line."""
+    try:
+        return read()
+    except TreeError as error:
+        first, *rest = str(error).splitlines()
+        hints = [f"{line[:1].lower()}{line[1:]}" for line in (rest[2:] if error.source else rest)]
+        message = "; ".join([_PLACE.sub("", first), *hints])
+        raise ValueError(f"{message}, in {shown(code.strip())}") from None
+
+
+def _with_numbers(expr: ConditionExpr) -> ConditionExpr:
+    """The condition with 0 / 0 as in the library: a comparison as its negated opposite."""
+    if not isinstance(expr, Condition):
+        parts = [*map(_with_numbers, expr.parts)]
+        return negate(parts[0]) if expr.word == "not" else combine(expr.word, parts)
+    if expr.divides and expr.operator in NOT_A_NUMBER:
+        return negate(expr._replace(operator=OPPOSITE[expr.operator]))
+    return expr
+
+
 class _Script:
-    """Reads a script from left to right; && and || have equal precedence, and ! a higher one."""
+    """Translates a script; && and || have equal precedence, and ! a higher one."""
 
     def __init__(self, code: str, vocabulary: Vocabulary) -> None:
-        self._code, self._vocabulary = code, vocabulary
-        self._at = self._terms = self._operands = 0
+        self._code, self._keys = code, vocabulary.keys
+        self._at = self._level = 0
 
-    def read(self) -> ConditionExpr:
-        condition = self._condition(self._joined(1))
+    def condition(self) -> str:
+        """The whole script as a condition."""
+        text = self._joined()
         if self._code[self._at :].strip():
             self._fail()
-        return condition
+        return text
 
-    def assigned(self, name: str) -> Condition:
-        """The assignment of the script's value to a key."""
-        key, value = _known(name, self._vocabulary), self._sum(1)
-        if self._code[self._at :].strip() or isinstance(value, Condition | Compound):
+    def value(self, name: str) -> str:
+        """The whole script as the value of a key."""
+        text = self._sum()
+        if self._code[self._at :].strip():
             raise ValueError(f"expected a value for {name}, found {shown(self._code.strip())}")
-        if not key.writable:
-            raise ValueError(
-                f"{name} is a key that only the domain writes; declare it with initial"
-            )
-        if not key.flag and not key.words:
-            return comparison(name, "=", self._number_or_key(value))
-        if isinstance(value, Operation):
-            self._fail()
-        text = value.strip("'") if isinstance(value, str) else number_text(value)
-        words = {"true": "yes", "1": "yes", "false": "no", "0": "no"} if key.flag else {}
-        if (word := words.get(text, text)) in (key.words or NO_YES):
-            number = key.words.index(word) if key.words else NO_YES.index(word)
-            return Condition(name, "=", Named(word, number))
-        return Condition(name, "=", 0.0, text)  # a key, as the parser checks
+        is_flag = name in self._keys and self._keys[name].flag
+        words = {"true": "yes", "false": "no", **({"1": "yes", "0": "no"} if is_flag else {})}
+        return words.get(text, text)
 
-    def _joined(self, level: int) -> _Value:
-        value = self._compared(level)
-        while (operator := self._peek()) in ("&&", "||"):
+    def _joined(self) -> str:
+        text, before = self._compared(), ""
+        while joint := _JOINT.get(self._peek()):
             self._take()
-            parts = [self._condition(value), self._condition(self._compared(level))]
-            value = combine({"&&": "and", "||": "or"}[operator], parts)
-        return value
+            text = f"({text})" if before not in ("", joint) else text
+            text, before = f"{text} {joint} {self._compared()}", joint
+        return text
 
-    def _compared(self, level: int) -> _Value:
-        left = self._sum(level)
+    def _compared(self) -> str:
+        left = self._sum()
         if (operator := self._peek()) not in OPERATORS:
             return left
         self._take()
-        return self._comparison(left, operator, self._sum(level))
+        right = self._sum()
+        is_flag = left in self._keys and self._keys[left].flag
+        if right in ("true", "false") or (is_flag and right in ("0", "1")):
+            return f"not {left}" * ((right in ("true", "1")) != (operator == "==")) or left
+        return f"{left} {operator} {right}"
 
-    def _sum(self, level: int, least: int = 1) -> _Value:
-        """A sum, or a product if `least` is 2."""
-        value = self._operand(level)
-        while (sign := self._peek()) in _PRECEDENCE and _PRECEDENCE[sign] >= least:
-            self._take()
-            right = self._number_or_key(self._sum(level, _PRECEDENCE[sign] + 1))
-            if sign == "/" and bounds(right, {}) == (0, 0):
-                self._fail()
-            value = Operation(sign, (self._number_or_key(value), right))
-        return value
+    def _sum(self) -> str:
+        text = self._operand()
+        while self._peek() in ("+", "-", "*", "/"):
+            text = f"{text} {self._take()} {self._operand()}"
+        return text
 
-    def _operand(self, level: int) -> _Value:
-        self._operands += 1
-        if level > MAX_NESTED or self._terms >= MAX_TERMS or self._operands > MAX_OPERANDS:
-            raise ValueError(
-                f"expected a condition of at most {MAX_TERMS} comparisons and flags,"
-                f" {MAX_OPERANDS} keys and numbers, {MAX_NESTED} levels"
-            )
+    def _operand(self) -> str:
         word = self._take()
+        self._level += 1
+        if self._level > 4 * MAX_NESTED:
+            raise ValueError(f"expected a condition of at most {MAX_NESTED} levels")
         if word == "(":
-            value = self._joined(level + 1)
+            word = f"({self._joined()})"
             if self._take() != ")":
                 self._fail()
-            return value
-        # Both have a higher precedence than a comparison, so a flag, a key or brackets follow.
-        if word == "!":
-            return negate(self._condition(self._operand(level + 1)))
-        if word == "-":
-            return negative(self._number_or_key(self._operand(level + 1)))
-        if word[:1].isdigit():
-            return _number(word)
-        if not NAME.fullmatch(word.strip("'")):
+        elif word == "!":  # of a flag or brackets, as it has a higher precedence
+            word = f"not {self._operand()}"
+            if (following := self._peek()) in OPERATORS or following in ("+", "-", "*", "/"):
+                self._fail()
+        elif word == "-":
+            word = f"-{self._operand()}"
+        elif not word.strip("'")[:1].isalnum() and word.strip("'")[:1] != "_":
             self._fail()
-        return word
+        self._level -= 1
+        return word.strip("'")
 
     def _peek(self) -> str:
         match = _WORD.match(self._code, self._at)
@@ -158,76 +166,7 @@ class _Script:
         self._at = match.end() if match else self._at
         return match[1] if match else ""
 
-    def _condition(self, value: _Value) -> ConditionExpr:
-        """A value as a condition: a name is a flag."""
-        if isinstance(value, Condition | Compound):
-            return value
-        if not isinstance(value, str):
-            self._fail()
-        return self._single(value, "==", "true")
-
-    def _number_or_key(self, value: _Value) -> Term:
-        """A value as a part of a sum."""
-        if isinstance(value, Condition | Compound):
-            self._fail()
-        if isinstance(value, str):
-            key = _known(value, self._vocabulary)
-            if key.flag or key.words:
-                raise ValueError(f"{value} is {key.kind}, found {shown(self._code.strip())}")
-        return value
-
-    def _comparison(self, left: _Value, operator: str, right: _Value) -> ConditionExpr:
-        if isinstance(left, Condition | Compound) or isinstance(right, Condition | Compound):
-            self._fail()
-        if isinstance(left, str) and not isinstance(right, Operation):
-            return self._single(left, operator, right)
-        compared = comparison(self._number_or_key(left), operator, self._number_or_key(right))
-        if not isinstance(left, str | Operation) and not isinstance(right, str | Operation):
-            self._fail()
-        self._terms += 1
-        if compared.divides and operator in NOT_A_NUMBER:
-            return negate(compared._replace(operator=OPPOSITE[compared.operator]))
-        return compared
-
-    def _single(self, name: str, operator: str, right: float | str) -> Condition:
-        self._terms += 1
-        key, text = _known(name, self._vocabulary), str(right)
-        wrong = ValueError(f"{name} is {key.kind}, found {shown(self._code.strip())}")
-        if not key.flag:
-            value = text.strip("'")
-            if operator not in key.operators:
-                raise wrong
-            if value in key.words:
-                return Condition(name, operator, key.number_of(value))
-            if right in self._vocabulary.comparable(name):
-                return Condition(name, operator, 0.0, text)
-            if key.words or isinstance(right, str):
-                raise wrong
-            return Condition(name, operator, right)
-        if operator not in ("==", "!=") or right not in ("true", "false", 1, 0):
-            raise wrong
-        is_true = (right in ("true", 1)) == (operator == "==")
-        return Condition(name, "is" if is_true else "not", 0.0)
-
     def _fail(self) -> NoReturn:
         raise ValueError(
             f"expected a condition such as level < 25 && !found, found {shown(self._code)}"
         )
-
-
-def _known(key: str, vocabulary: Vocabulary) -> Key:
-    keys = vocabulary.keys
-    if key not in keys:
-        guess = closest(key, keys)
-        hint = f"did you mean {guess}?" if guess else f"known keys: {', '.join(keys)}"
-        raise ValueError(f"unknown blackboard key {shown(key)}; {hint}")
-    return keys[key]
-
-
-def _number(text: str) -> float:
-    value = float(text)
-    if not abs(value) <= MAX_NUMBER:
-        raise ValueError(
-            f"expected a number from {-MAX_NUMBER} to {MAX_NUMBER}, found {shown(text)}"
-        )
-    return value

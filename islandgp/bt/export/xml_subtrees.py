@@ -14,7 +14,7 @@ from islandgp.bt.core.source import shown
 from islandgp.bt.core.vocabulary import NAME, RESERVED, Vocabulary
 from islandgp.bt.export.behaviortree_cpp import HEADER, NOTES, REST
 from islandgp.bt.export.branching import PRECONDITIONS
-from islandgp.bt.export.plan import Loss, fresh_name
+from islandgp.bt.export.plan import SemanticDifference, fresh_name
 from islandgp.bt.export.xml_reader import Element
 from islandgp.bt.export.xml_trees import trees_of
 from islandgp.errors import LimitError
@@ -27,7 +27,7 @@ _RENAMED: Final = {
 }
 """Tags of version 3, with those of version 4."""
 
-SCOPE = Loss(
+SCOPE = SemanticDifference(
     "scope",
     'a SubTree without _autoremap="true" has its own blackboard, in which the keys of its'
     " conditions are not set; islandgp has one blackboard",
@@ -39,7 +39,7 @@ class Difference(NamedTuple):
 
     line: int
     column: int
-    loss: Loss
+    loss: SemanticDifference
 
 
 @dataclass(slots=True)
@@ -72,7 +72,7 @@ class SubtreeReader(ABC):
         self._names = {*RESERVED, *vocabulary.actions}  # of subtrees, and reserved ones
         self._open: list[str] = []  # trees that are being read
         self.state = TreeState()  # of the tree that is being read
-        self.differences: dict[Loss, Difference] = {}
+        self.differences: dict[SemanticDifference, Difference] = {}
 
     def tree(self, identity: str | None) -> Node:
         """The tree of that ID; None: the main tree."""
@@ -187,7 +187,7 @@ class SubtreeReader(ABC):
     def check_attributes(self, element: Element, tag: str) -> None:
         """Raises TreeError for an attribute without an equivalent in the language."""
 
-    def differs(self, element: Element, loss: Loss) -> None:
+    def differs(self, element: Element, loss: SemanticDifference) -> None:
         self.differences.setdefault(loss, Difference(element.line, element.column, loss))
 
     def fail(self, element: Element, message: str) -> NoReturn:

@@ -15,7 +15,7 @@ from islandgp.bt.core.language import MAX_CHARACTERS
 from islandgp.bt.core.node import CountArgs, ParallelArgs, Policy, SecondsArgs, Value
 from islandgp.bt.core.parameters import Parameter, fits, value_range
 from islandgp.bt.core.source import shown
-from islandgp.bt.export.plan import Loss
+from islandgp.bt.export.plan import SemanticDifference
 
 Attributes = Mapping[str, str]
 
@@ -48,17 +48,17 @@ PLAIN: Final = {
 _NUMBER: Final = re.compile(r"[0-9]{1,9}(\.[0-9]{1,20})?")
 _FLAGS: Final = {"true": "yes", "1": "yes", "false": "no", "0": "no"}
 
-MEMORY = Loss(
+MEMORY = SemanticDifference(
     "memory",
     "SequenceWithMemory continues with the failed child when it starts again; a sequence starts"
     " with its first child",
 )
-WAITS = Loss(
+WAITS = SemanticDifference(
     "waits",
     "ParallelAll with max_failures above 1 ends when all children have ended; a parallel ends as"
     " soon as enough of them have succeeded",
 )
-COMMENTS = Loss(
+COMMENTS = SemanticDifference(
     "comments",
     f"there are comments and names, with which the text would have more than {MAX_CHARACTERS:,}"
     " characters; they are left out",

@@ -14,7 +14,7 @@ from typing import Final, Literal, TypeAlias
 
 from islandgp.bt.core.arithmetic import SIGNS
 from islandgp.bt.core.condition import OPERATORS
-from islandgp.bt.core.inspection import mentioned
+from islandgp.bt.core.inspection import find_includes
 from islandgp.bt.core.kinds import KEYWORDS, KINDS
 from islandgp.bt.core.language import following
 from islandgp.bt.core.node import STATUS_NAMES
@@ -234,7 +234,7 @@ def _unfinished(code: Sequence[str]) -> str:
 
 def _defined(kind: str, text: str, folder: Path, *, own: bool = False) -> Iterator[tuple[str, str]]:
     """Names that `subtree` or `constant` define, with the rest of their line without comments."""
-    for source in (*(() if own else mentioned(text, folder).values()), text):
+    for source in (*(() if own else find_includes(text, folder).values()), text):
         source_words = words_of(source)
         for word, name in pairwise(source_words):
             if word.text == kind and NAME.fullmatch(name.text):

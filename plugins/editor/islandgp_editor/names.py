@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from islandgp.bt.core.condition import OPERATORS
-from islandgp.bt.core.inspection import mentioned
+from islandgp.bt.core.inspection import find_includes
 from islandgp.bt.core.kinds import COUNTED, INNER, TIMED
 from islandgp.bt.core.vocabulary import NAME, RESERVED
 from islandgp.errors import TreeError
@@ -188,7 +188,7 @@ def renamed(text: str, offset: int, new: str, folder: Path) -> list[Word]:
 def _name_conflict(symbol: Symbol, new: str, text: str, folder: Path) -> str:
     """The kind of the symbol that already has the name; "" if there is none."""
     kinds = ("subtree",) if symbol.kind == "subtree" else ("constant", "parameter")
-    for source in (text, *mentioned(text, folder).values()):
+    for source in (text, *find_includes(text, folder).values()):
         for each in occurrences(source):
             if each.symbol.name == new and each.symbol.kind in kinds:
                 return each.symbol.kind

@@ -15,7 +15,7 @@ from pygls.workspace import ServerTextPosition, TextDocument
 
 from islandgp import __version__
 from islandgp.bt.core.format import format_text
-from islandgp.bt.core.inspection import mentioned
+from islandgp.bt.core.inspection import find_includes
 from islandgp.bt.core.language import MAX_CHARACTERS
 from islandgp.bt.core.node import Limits
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
@@ -250,7 +250,7 @@ def _files(server: Server, document: TextDocument, symbol: Symbol) -> list[TextD
     """The file, with the files that it includes if a symbol may be defined there."""
     if symbol.kind == "parameter":
         return [document]
-    included = mentioned(document.source, _folder(document))
+    included = find_includes(document.source, _folder(document))
     return [document, *(server.document(path.as_uri()) for path, text in included.items() if text)]
 
 

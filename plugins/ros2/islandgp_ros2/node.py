@@ -11,7 +11,7 @@ from time import monotonic
 from typing import Any, Final
 
 from islandgp.binding import NodeStatus, RobotTree, Tree, load_tree
-from islandgp.bt.core.inspection import mentioned
+from islandgp.bt.core.inspection import find_includes
 from islandgp.bt.core.node import walk
 from islandgp.bt.core.printer import head
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY
@@ -178,7 +178,7 @@ def stamp(file: Path) -> tuple[object, ...]:
     """
     try:
         text = file.read_text(encoding="utf-8")
-        others = mentioned(text, file.parent)
+        others = find_includes(text, file.parent)
     except (OSError, ValueError):
         return ()
     return (text, *others.items())

@@ -273,9 +273,11 @@ class Machine:
 
     def reach(self, memory: Memory | None, target: TickTarget) -> Boards:
         """The blackboards on which a tick, with that memory of the root, can reach a target."""
-        return self.sets.either(*self.aimed(0, memory, target))
+        return self.sets.either(*self.outcomes_reaching(0, memory, target))
 
-    def aimed(self, place: int, memory: Memory | int | None, target: TickTarget) -> Outcomes:
+    def outcomes_reaching(
+        self, place: int, memory: Memory | int | None, target: TickTarget
+    ) -> Outcomes:
         """The outcomes of a node in the ticks that reach a target in it."""
         self.spend()
         if isinstance(memory, int):  # a parallel's child that has ended
@@ -287,23 +289,25 @@ class Machine:
         child = self.children[place][branch]
         kind = kind_of(node)
         if kind.concurrent:
-            return self._aimed_together(place, self.memories(place, memory), target)
+            return self._parallel_reaching(place, self.memories(place, memory), target)
         if kind.advance_status is not None:
             if memory is None:
-                return self.way(place, 0, target)
+                return self.outcomes_from(place, 0, target)
             assert isinstance(memory, BranchMemory)
-            return self._aimed_branch(place, memory, target)
+            return self._branch_reaching(place, memory, target)
         if kind.counts is not None:
             remaining, inner = self.repetition(place, memory)
-            return repeated(self.sets, node, self.aimed(child, inner, target), last=remaining == 1)
-        inside = self.aimed(child, memory, target)
+            return repeated(
+                self.sets, node, self.outcomes_reaching(child, inner, target), last=remaining == 1
+            )
+        inside = self.outcomes_reaching(child, memory, target)
         if node.guard is None:
             return turned(self.sets, node, inside)
         if memory is None or node.guard.checks_itself:
             return self._and(self.holds[place], inside)
         return inside
 
-    def way(self, place: int, at: int, target: TickTarget) -> Outcomes:
+    def outcomes_from(self, place: int, at: int, target: TickTarget) -> Outcomes:
         """Outcomes of a selector or sequence whose child of index `at` starts now."""
         key = (place, target.place, target.stays_running)
         if key not in self._ways:
@@ -314,7 +318,9 @@ class Machine:
             if self._cache_size > MAX_CACHED:
                 self._cache_size = 0
                 self._ways.clear()
-            outcomes = [self._behind(place, branch, self.aimed(last, None, target), target)]
+            outcomes = [
+                self._behind(place, branch, self.outcomes_reaching(last, None, target), target)
+            ]
             for child in reversed(before):
                 outcomes.append(self._and(self.fresh(child)[advance], outcomes[-1]))
             self._ways[key] = outcomes[::-1]
@@ -326,31 +332,31 @@ class Machine:
             return first
         return self._go_on(place, first, self.fresh_from(place, branch + 1))
 
-    def _aimed_branch(self, place: int, memory: BranchMemory, target: TickTarget) -> Outcomes:
+    def _branch_reaching(self, place: int, memory: BranchMemory, target: TickTarget) -> Outcomes:
         outcomes, target_branch = _NONE, target.branches[place]
         for at, boards in self._turns(place, memory):
             child = self.children[place][at]
             if at > target_branch:
                 continue
             if at < memory.branch:
-                reached = self.way(place, at, target)
+                reached = self.outcomes_from(place, at, target)
             elif at == target_branch:
-                first = self.aimed(child, memory.memory, target)
+                first = self.outcomes_reaching(child, memory.memory, target)
                 reached = self._behind(place, at, first, target)
             else:
                 ends = self.now(child, memory.memory)[advance_status(self.nodes[place])]
-                reached = self._and(ends, self.way(place, at + 1, target))
+                reached = self._and(ends, self.outcomes_from(place, at + 1, target))
             outcomes = self.either(outcomes, self._and(boards, reached))
         return outcomes
 
-    def _aimed_together(
+    def _parallel_reaching(
         self, place: int, memories: Sequence[Memory | int | None], target: TickTarget
     ) -> Outcomes:
         children, branch = self.children[place], target.branches[place]
         args = self.nodes[place].args
         assert isinstance(args, ParallelArgs)
         self.spend(len(children))
-        reached = self.aimed(children[branch], memories[branch], target)
+        reached = self.outcomes_reaching(children[branch], memories[branch], target)
         child_outcomes = self._of_children(place, memories)
         child_outcomes[branch] = reached
         # Where the branch has no outcome, those of the others are irrelevant.

@@ -32,7 +32,7 @@ ActionCalls: TypeAlias = tuple[tuple[int, int], ...]
 _RUNS: Final = ActionMemory()
 
 
-class Move(NamedTuple):
+class Transition(NamedTuple):
     """A possible move of a node in a tick."""
 
     status: int
@@ -53,7 +53,7 @@ def moves(
     memory: Memory | None,
     board: Sequence[float],
     target: TickTarget | None = None,
-) -> Iterator[Move]:
+) -> Iterator[Transition]:
     """The possible moves of a tree in a tick.
 
     Args:
@@ -87,7 +87,7 @@ class _Tick:
             self._truth[guard] = condition(expr, self._board, self._machine.sets.key_index)()
         return self._truth[guard]
 
-    def moves(self, place: int, memory: Memory | None, goal: Goal) -> Iterator[Move]:
+    def moves(self, place: int, memory: Memory | None, goal: Goal) -> Iterator[Transition]:
         """The moves of a node with a memory; None: it starts."""
         if (target := goal.target) is not None:
             if target.stays_running:  # then its ancestors are RUNNING, too
@@ -108,32 +108,32 @@ class _Tick:
             return self._parallel(place, memory, goal)
         return self._composite(place, memory, goal)
 
-    def _leaf(self, place: int, statuses: Sequence[int]) -> Iterator[Move]:
+    def _leaf(self, place: int, statuses: Sequence[int]) -> Iterator[Transition]:
         is_action = bool(self._machine.nodes[place].action)
         for status in statuses:
             if status in self._machine.statuses[place]:
                 self._machine.spend()
                 calls = ((place, status),) if is_action else ()
-                yield Move(status, _RUNS if status == RUNNING else None, calls)
+                yield Transition(status, _RUNS if status == RUNNING else None, calls)
 
-    def _turned(self, place: int, memory: Memory | None, goal: Goal) -> Iterator[Move]:
+    def _turned(self, place: int, memory: Memory | None, goal: Goal) -> Iterator[Transition]:
         ends = (*kind_of(self._machine.nodes[place]).ends, RUNNING)
         inside = [s for end in goal.statuses for s in (RUNNING, SUCCESS, FAILURE) if ends[s] == end]
         child = self._machine.children[place][0]
         for move in self.moves(child, memory, goal._replace(statuses=inside)):
             yield move._replace(status=ends[move.status])
 
-    def _guard(self, place: int, memory: Memory | None, goal: Goal) -> Iterator[Move]:
+    def _guard(self, place: int, memory: Memory | None, goal: Goal) -> Iterator[Transition]:
         checked = (place,) if memory is None else ()
         checks = memory is None or guard_of(self._machine.nodes[place]).checks_itself
         if checks and not self._holds(place):
             if FAILURE in goal.statuses and goal.target is None:
-                yield Move(FAILURE, None, checked=checked)
+                yield Transition(FAILURE, None, checked=checked)
             return
         for move in self.moves(self._machine.children[place][0], memory, goal):
             yield move._replace(checked=(*checked, *move.checked))
 
-    def _repeater(self, place: int, memory: Memory | None, goal: Goal) -> Iterator[Move]:
+    def _repeater(self, place: int, memory: Memory | None, goal: Goal) -> Iterator[Transition]:
         remaining, inner = self._machine.repetition(place, memory)
         counted = kind_of(self._machine.nodes[place]).counts
         assert counted is not None
@@ -151,7 +151,7 @@ class _Tick:
             else:
                 yield move._replace(memory=RepeaterMemory(remaining, move.memory))
 
-    def _parallel(self, place: int, memory: Memory | None, goal: Goal) -> Iterator[Move]:
+    def _parallel(self, place: int, memory: Memory | None, goal: Goal) -> Iterator[Transition]:
         machine, args = self._machine, self._machine.nodes[place].args
         assert isinstance(args, ParallelArgs)
         children, inside = machine.children[place], machine.memories(place, memory)
@@ -174,7 +174,7 @@ class _Tick:
                     if status == RUNNING:
                         memories = (m.status if m.memory is None else m.memory for m in combination)
                         after = ParallelMemory(tuple(memories))
-                    yield Move(status, after, calls)
+                    yield Transition(status, after, calls)
 
     def _can(
         self, place: int, memory: Memory | int | None, target: TickTarget | None, status: int
@@ -183,25 +183,25 @@ class _Tick:
         if target is None:
             outcomes = self._machine.now(place, memory)
         else:
-            outcomes = self._machine.aimed(place, memory, target)
+            outcomes = self._machine.outcomes_reaching(place, memory, target)
         return self._machine.sets.has(outcomes[status], self._board)
 
     def _child(
         self, place: int, memory: Memory | int | None, target: TickTarget | None, status: int
-    ) -> Iterator[Move]:
+    ) -> Iterator[Transition]:
         """The moves of a parallel's child with this status; an ended child is not ticked."""
         if not isinstance(memory, int):
             return self.moves(place, memory, Goal((status,), target))
-        return iter([Move(memory, None)] if target is None else [])
+        return iter([Transition(memory, None)] if target is None else [])
 
-    def _composite(self, place: int, memory: Memory | None, goal: Goal) -> Iterator[Move]:
+    def _composite(self, place: int, memory: Memory | None, goal: Goal) -> Iterator[Transition]:
         """The moves of a selector or sequence, branch by branch."""
         machine = self._machine
         first, inner, known = self._first_branch(place, memory)
         advance, last = advance_status(machine.nodes[place]), len(machine.children[place]) - 1
         towards = first if goal.target is None else goal.target.branches[place]
         stages = [self._branch(place, first, inner, goal)]
-        done: list[Move] = []  # of the branches before the present one
+        done: list[Transition] = []  # of the branches before the present one
         while stages:
             branch = first + len(done)
             move = next(stages[-1], None)
@@ -219,7 +219,9 @@ class _Tick:
                 checked = {guard for each in done for guard in each.checked}
                 now = self._known(place, first, branch, known, checked)
                 after = BranchMemory(branch, move.memory, now)
-            yield Move(move.status, after, tuple(call for each in done for call in each.calls))
+            yield Transition(
+                move.status, after, tuple(call for each in done for call in each.calls)
+            )
             done.pop()
 
     def _first_branch(
@@ -241,7 +243,9 @@ class _Tick:
                 known[n] = now
         return memory.branch, memory.memory, known
 
-    def _branch(self, place: int, branch: int, memory: Memory | None, goal: Goal) -> Iterator[Move]:
+    def _branch(
+        self, place: int, branch: int, memory: Memory | None, goal: Goal
+    ) -> Iterator[Transition]:
         """The moves of a branch with which the composite can fulfil the goal."""
         statuses, target = goal
         machine, children = self._machine, self._machine.children[place]
@@ -251,7 +255,7 @@ class _Tick:
             return iter(())
         if branch < towards:
             assert target is not None
-            path = machine.way(place, branch + 1, target)
+            path = machine.outcomes_from(place, branch + 1, target)
             if not any(has(path[status], self._board) for status in statuses):
                 return iter(())
             return self.moves(children[branch], memory, Goal((advance,)))
@@ -277,9 +281,11 @@ class _Tick:
         return tuple(values)
 
 
-def _combined(makers: Sequence[Callable[[], Iterator[Move]]]) -> Iterator[tuple[Move, ...]]:
+def _combined(
+    makers: Sequence[Callable[[], Iterator[Transition]]],
+) -> Iterator[tuple[Transition, ...]]:
     """All combinations of one move of each."""
-    combination: list[Move] = []
+    combination: list[Transition] = []
     going = [makers[0]()]
     while going:
         move = next(going[-1], None)
