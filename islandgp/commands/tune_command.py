@@ -46,7 +46,7 @@ MAX_TUNED: Final = 100  # most numbers of a file that are tuned
 @click.option(
     "--worlds",
     type=click.IntRange(2, 1_000),
-    default=16,
+    default=4,
     help="New worlds per generation of the search.",
 )
 @click.option(

@@ -9,13 +9,20 @@ exchange and change branches as units. `variation` registers them.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from math import floor, log10
+from math import exp, floor, log10
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
 
 from islandgp.bt.analysis.simplify import simplify
-from islandgp.bt.core.condition import ConditionExpr, combine, terms, with_term
+from islandgp.bt.core.condition import (
+    ConditionExpr,
+    combine,
+    numbers_of,
+    terms,
+    with_number,
+    with_term,
+)
 from islandgp.bt.core.kinds import ABORTS, kind_of
 from islandgp.bt.core.node import (
     FAILURE,
@@ -32,7 +39,7 @@ from islandgp.bt.core.node import (
     size,
     walk,
 )
-from islandgp.bt.core.parameters import argument_values, leaf_of
+from islandgp.bt.core.parameters import MAX_MAGNITUDE, argument_values, leaf_of
 from islandgp.bt.core.vocabulary import Key
 from islandgp.gp.random_trees import TreeSpace, moved_number, random_abort, random_leaf, random_term
 
@@ -234,7 +241,7 @@ def tune(
     The standard deviation is drawn for each call, log-uniform from `number_sd` / 20 to
     `number_sd`, as a share of the key's range. Numbers may leave the grid of random thresholds.
     """
-    places = numbers_of(tree, space)
+    places = places_of_numbers(tree, space)
     if not places:
         return tree
     sd = mutation.number_sd * 20 ** (rng.random() - 1)
@@ -245,17 +252,27 @@ def tune(
     return tree
 
 
-def numbers_of(tree: Node, space: TreeSpace) -> list[tuple[int, int]]:
-    """Places of numbers in a tree: (index of the node, index of the term or of the argument)."""
+def places_of_numbers(tree: Node, space: TreeSpace) -> list[tuple[int, int]]:
+    """Places of numbers in a tree: (index of the node, index in `_numbers` or of the argument)."""
     places: list[tuple[int, int]] = []
     for i, node in enumerate(walk(tree)):
         if node.guard:
-            compared = [space.vocabulary.has_number(t) for t in terms(node.guard.condition)]
+            compared = [True] * len(_numbers(node.guard.condition, space))
         else:
             arguments = space.vocabulary.action(node.action).arguments.values()
             compared = [each.numeric for each in arguments]
         places += [(i, k) for k, number in enumerate(compared) if number]
     return places
+
+
+def _numbers(expr: ConditionExpr, space: TreeSpace) -> list[tuple[int, int]]:
+    """Places of numbers in a condition: (index of the term, index in its numbers)."""
+    return [
+        (at, place)
+        for at, term in enumerate(terms(expr))
+        if not term.single or space.vocabulary.has_number(term)
+        for place in range(len(numbers_of(term)))
+    ]
 
 
 def _moved(tree: Node, i: int, k: int, by: float, space: TreeSpace) -> Node:
@@ -268,13 +285,19 @@ def _moved(tree: Node, i: int, k: int, by: float, space: TreeSpace) -> Node:
         values[name] = moved_number(arguments[name], float(values[name]), by)
         return replace_at(tree, i, leaf_of(node.action, values, arguments))
     args = guard_of(node)
-    term = list(terms(args.condition))[k]
-    key = space.vocabulary.keys[term.key]
-    number = fine(term.number + by * (key.high - key.low), key)
-    if key.whole and number == term.number:  # small steps would leave whole numbers as they are
-        number = fine(number + (1 if by > 0 else -1), key)
-    new = term._replace(number=number)
-    changed = with_term(args.condition, k, new)
+    at, place = _numbers(args.condition, space)[k]
+    term = list(terms(args.condition))[at]
+    before = numbers_of(term)[place]
+    if term.single:
+        key = space.vocabulary.keys[term.key]
+        number = fine(before + by * (key.high - key.low), key)
+        if key.whole and number == before:  # small steps would leave whole numbers as they are
+            number = fine(number + (1 if by > 0 else -1), key)
+    elif "/" in term.key + term.other:  # a divisor does not become 0
+        number = before * exp(by)
+    else:
+        number = min(MAX_MAGNITUDE, max(-MAX_MAGNITUDE, round(before + by, 3)))
+    changed = with_term(args.condition, at, with_number(term, place, number))
     assert changed is not None
     return replace_at(tree, i, node._replace(args=args._replace(condition=changed)))
 

@@ -2,8 +2,8 @@
 
 CMA-ES (Hansen 2016, arXiv 1604.00772) samples trees near the written one. All trees of a generation
 are evaluated in the same worlds, and each generation in new ones (common random numbers). Then a
-race by successive halving, in other worlds, selects among the last mean of the distribution, the
-best trees of the last generations and the written tree. The winner is accepted if it is better than
+race by successive halving, in other worlds, selects among means of the distribution, the best trees
+of the last generations and the written tree. The winner is accepted if it is better than
 the written tree by the paired differences in a third set of worlds.
 """
 
@@ -23,6 +23,7 @@ import numpy as np
 from islandgp.bt.analysis.numbers import (
     COUNT,
     EQUAL,
+    WEIGHT,
     Number,
     argument_purpose,
     numbers_of,
@@ -85,7 +86,7 @@ class NumberSettings:
     """Range and budget of the search for thresholds."""
 
     episodes: int = 9_600  # most episodes in total
-    worlds: int = 16  # of each generation, >= MIN_WORLDS
+    worlds: int = 4  # of each generation, >= MIN_WORLDS
     population: int = 12  # trees of a generation; more with more than 14 thresholds, as in Hansen
     sigma: float = 0.1  # initial standard deviation, as a share of a key's range
 
@@ -158,8 +159,8 @@ def thresholds_of(
     """The numbers of a tree file that can be tuned, in order of occurrence.
 
     These are the numbers that `<`, `<=`, `>` and `>=` compare with a key, directly or through a
-    constant or a parameter. Counts of repeaters, numbers in `==` or `!=`, unused numbers and those
-    of included files are not tuned.
+    constant or a parameter, and those of sums. Counts of repeaters, numbers in `==` or `!=`, unused
+    numbers and those of included files are not tuned.
 
     Args:
         text: of the file, or canonical text.
@@ -182,7 +183,8 @@ def thresholds_of(
     for each in numbers_of(text, vocabulary, name=name, folder=folder):
         if not each.purposes or each.purposes & {COUNT, EQUAL}:
             continue
-        ranges = {**vocabulary.keys, **arguments}
+        reach = max(1.0, 2 * abs(each.value))
+        ranges = {**vocabulary.keys, **arguments, WEIGHT: number("", -reach, reach, reach / 100)}
         keys = [ranges[purpose] for purpose in each.purposes if purpose in ranges]
         if len(keys) < len(each.purposes):  # a whole number
             continue
@@ -307,7 +309,10 @@ def _search(
     worlds: Iterator[int],
     seed: int,
 ) -> list[Values]:
-    """The last mean of CMA-ES, then the best values of each generation, the latest first."""
+    """Means of CMA-ES, then the best values of each generation; each time the latest first.
+
+    The means are of generations an eighth of the search apart, as near ones hardly differ.
+    """
     axes = candidates.thresholds
     scales = [axis.key.high - axis.key.low for axis in axes]
     optimizer = Cma(
@@ -323,6 +328,7 @@ def _search(
         seed=seed_of(seed, Stream.TUNING, generation=1),
     )
     winners: list[Values] = []
+    means_of_search: list[Values] = []
     for _ in range(plan.generations):
         samples = optimizer.ask()
         values = [_rounded(axes, offsets) for offsets in samples]
@@ -332,9 +338,11 @@ def _search(
         best = max(trees, key=means.__getitem__)
         winners.append(best)
         optimizer.tell(samples, [merit(means[tree], 0.0) for tree in values])
+        means_of_search.append(_rounded(axes, optimizer.mean))
         if len(trees) == 1 or optimizer.converged:
             break
-    return [_rounded(axes, optimizer.mean), *reversed(winners)]
+    spaced = means_of_search[:: -ceil(len(means_of_search) / 8)]
+    return [*spaced[: RACING // 2], *reversed(winners)]
 
 
 def _rounded(axes: Sequence[Threshold], offsets: Sequence[float] | np.ndarray) -> Values:

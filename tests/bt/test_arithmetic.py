@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import pickle
+import re
 from itertools import product
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
+import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -22,8 +24,11 @@ from islandgp.bt.export import behaviortree_cpp, py_trees
 from islandgp.bt.export.scripts import read_condition
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import LimitError, TreeError
+from islandgp.gp.branches import places_of_numbers, tune
+from islandgp.gp.variation import MutationSettings
 from tests.bt.reference import holds
 from tests.profiles import examples
+from tests.search.searches import search_and_plan
 from tests.strategies import conditions
 
 WORDS = Vocabulary(
@@ -198,3 +203,25 @@ def test_bounds_are_exact() -> None:
         )
         assert implies(facts, sum_of._replace(operator=">=", number=value))
         assert implies(facts, sum_of._replace(operator="<=", number=value))
+
+
+def test_mutation_moves_the_numbers_of_sums() -> None:
+    """`tune` moves each number of a sum and its threshold; the keys and operations stay."""
+    plan = search_and_plan("racing", "domain=cartpole")[1]
+    tree = parse(
+        "selector { when 0.5 * angle + turning / 2 > 0.1 { PushLeft } PushRight }", plan.vocabulary
+    )
+    assert places_of_numbers(tree, plan.space) == [(1, 0), (1, 1), (1, 2)]
+    rng, texts = np.random.default_rng(0), set()
+    for _ in range(50):
+        child = tune(
+            rng,
+            tree,
+            plan.space,
+            MutationSettings(operators={"tune": 1}, subtree_depth=2, number_sd=0.2),
+        )
+        assert parse(to_text(child), plan.vocabulary) == child
+        text = condition_text(guard_of(child.children[0]).condition)
+        assert re.fullmatch(r"\S+ \* angle \+ turning / \S+ > \S+", text)
+        texts.add(text)
+    assert len(texts) > 40

@@ -354,11 +354,21 @@ def test_small_budgets(worlds: int, episodes: int) -> None:
     assert result.costs.total == hill.episodes <= episodes
 
 
+def test_the_numbers_of_sums_are_tuned() -> None:
+    """Weights and thresholds of sums have ranges of their own, and keep their place."""
+    found = thresholds_of("when 0.5 * lap + charge / 4 > 20 { Go }", MAZE)
+    assert [(each.number.value, each.bounds) for each in found] == [
+        (0.5, (-1, 1)),
+        (4, (-8, 8)),
+        (20, (-40, 40)),
+    ]
+
+
 def test_too_few_episodes() -> None:
     """It is one error, before any episode."""
     hill = Hill(33.7, 2.62)
-    with pytest.raises(ConfigError, match="Expected at least 240 episodes: a generation is 12"):
-        run(hill, number_settings=NumberSettings(episodes=239))
+    with pytest.raises(ConfigError, match="Expected at least 60 episodes: a generation is 12"):
+        run(hill, number_settings=NumberSettings(episodes=59))
     assert hill.calls == []
 
 

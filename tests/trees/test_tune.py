@@ -134,7 +134,7 @@ def test_ctrl_c_writes_nothing(
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (("--episodes", 239), "Expected at least 240 episodes: a generation is 12 trees in 16"),
+        (("--episodes", 59), "Expected at least 60 episodes: a generation is 12 trees in 4"),
         (("--episodes", 31, "--worlds", 2), "Expected at least 32 episodes"),
         (("--episodes", 0), "found 0"),
         (("--worlds", 1), "found 1"),

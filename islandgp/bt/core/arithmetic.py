@@ -138,6 +138,18 @@ def is_whole(term: Term, keys: Collection[str]) -> bool:
     return term in keys if isinstance(term, str) else term % 1 == 0
 
 
+def numbers_in(term: Term) -> list[float]:
+    """The numbers of a term, in order."""
+    return [leaf for leaf in _leaves(term) if not isinstance(leaf, str)]
+
+
+def with_numbers(term: Term, numbers: Iterator[float]) -> Term:
+    """The term with other numbers, which are taken in order."""
+    if isinstance(term, Operation):
+        return Operation(term.sign, tuple([with_numbers(part, numbers) for part in term.parts]))
+    return term if isinstance(term, str) else next(numbers)
+
+
 def _text(term: Term, level: int) -> str:
     """A term as text, in brackets if it binds less than the operation around it."""
     if not isinstance(term, Operation):

@@ -7,7 +7,15 @@ from functools import lru_cache
 from math import ceil, floor
 from typing import Any, Final, NamedTuple, TypeAlias
 
-from islandgp.bt.core.arithmetic import Formula, Term, divide, python, side
+from islandgp.bt.core.arithmetic import (
+    Formula,
+    Term,
+    divide,
+    numbers_in,
+    python,
+    side,
+    with_numbers,
+)
 
 OPERATORS: Final = ("<", "<=", ">", ">=", "==", "!=")
 FLAG_OPERATORS: Final = ("is", "not")  # `when FLAG` and `when not FLAG`; their number is 0
@@ -83,6 +91,24 @@ def comparison(left: Term, operator: str, right: Term) -> Condition:
     if not isinstance(left, str | tuple):
         return Condition(side(right), MIRRORED[operator], left)
     return Condition(side(left), operator, 0.0, side(right))
+
+
+def numbers_of(term: Condition) -> list[float]:
+    """The numbers of a comparison, in order; of a flag, a word or two keys 0."""
+    sides = [side.term for side in (term.key, term.other) if isinstance(side, Formula)]
+    return [n for side in sides for n in numbers_in(side)] + [term.number] * (not term.other)
+
+
+def with_number(term: Condition, index: int, number: float) -> Condition:
+    """The comparison with number `index` of `numbers_of` replaced."""
+    numbers = numbers_of(term)
+    numbers[index] = number
+    left = iter(numbers)
+    key, other = (
+        Formula(with_numbers(side.term, left)) if isinstance(side, Formula) else side
+        for side in (term.key, term.other)
+    )
+    return Condition(key, term.operator, next(left, 0.0), other)
 
 
 def ordered(expr: Condition) -> Condition:
