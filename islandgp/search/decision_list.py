@@ -11,8 +11,9 @@ For each group of actions that exclude each other, a tree has one list,
    are left. Numbers have two digits from here on.
 4. The last trees are evaluated again and again, so that the best robot is chosen by evidence.
 
-All trees of a generation have the same worlds. CMA-ES: Hansen 2016, arXiv 1604.00772. Trees with
-oblique splits whose numbers CMA-ES sets: Custode and Iacca 2023, doi 10.1109/ACCESS.2023.3236260.
+All trees of a generation have the same worlds. CMA-ES of the numbers of policies: Heidrich-Meisner
+and Igel 2009, Journal of Algorithms 64(4). Evolved decision trees with sums of observations:
+Custode and Iacca 2023, doi 10.1109/ACCESS.2023.3236260.
 """
 
 from __future__ import annotations
