@@ -51,7 +51,7 @@ ARMS: Final[dict[str, tuple[str, ...]]] = {
         name: (f"search={name}", "supervisor=baseline")
         for name in ("paper", *OTHER_SEARCHES, "random", "random_paper")
     },
-    "decision_list": ("search=decision_list", "supervisor=baseline", "gp.population=16"),
+    "decision_list": ("search=decision_list", "supervisor=baseline", "gp.population=12"),
     "paper, expert": ("search=paper", "supervisor=expert"),
     "racing, library": ("search=racing", "supervisor=baseline"),
     "racing, expert": ("search=racing", "supervisor=expert"),
