@@ -131,9 +131,10 @@ class SweepFolder:
             return None
         try:
             plain = validate_json(SweepFile, read_bytes(path))
-            jobs = (SweepJob(**{**j, "choices": tuple(j["choices"])}) for j in plain["jobs"])
-            if outside := [j["folder"] for j in plain["jobs"] if not is_inside(j["folder"])]:
-                raise ValueError(f"the job {outside[0]!r} is not in the sweep's folder")
+            jobs = [SweepJob(**{**j, "choices": tuple(j["choices"])}) for j in plain["jobs"]]
+            for job in jobs:
+                if not is_inside(job.folder) or (self.path / job.folder).is_symlink():
+                    raise ValueError(f"the job {job.folder!r} is not in the sweep's folder")
             return SweepFile(**{**plain, "commands": tuple(plain["commands"]), "jobs": tuple(jobs)})
         except DECODE_ERRORS as error:
             raise RunError(

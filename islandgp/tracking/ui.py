@@ -59,7 +59,7 @@ def share_views(store: Store) -> str:
     for key, view in views.items():
         text = json.dumps(view, separators=(",", ":"))
         store.client.set_experiment_tag(store.experiment, f"mlflow.sharedViewState.{key}", text)
-    return next((cleaned(sweep.data.tags["sweep"]) for sweep in sweeps), "")
+    return next((cleaned(sweep.data.tags.get("sweep", "")) for sweep in sweeps), "")
 
 
 def _milestones(jobs: Sequence[Any]) -> list[str]:
@@ -119,8 +119,7 @@ def served(place: Place, port: int) -> Iterator[Pages]:
     if place.file is not None:
         _must_have_server()
         check_addresses(place.file)
-    store = _opened(place)
-    sweep = share_views(store)
+    store, sweep = _opened(place)
     if place.file is None:
         yield _pages(place.uri, store.experiment, sweep)
         return
@@ -151,12 +150,14 @@ def _pages(server: str, experiment: str, sweep: str) -> Pages:
     return Pages(arms, runs_page(server, experiment, "TABLE", "runs"), sweep)
 
 
-def _opened(place: Place) -> Store:
+def _opened(place: Place) -> tuple[Store, str]:
+    """The store with its views, and the name of its latest sweep."""
     try:
-        return Store(place)
+        store = Store(place)
+        return store, share_views(store)
     except TrackingError:
         raise
-    except Exception as error:  # a store may be away in any way
+    except Exception as error:  # a store may be away, or damaged, in any way
         raise TrackingError(
             f"Expected an MLflow store at {place.uri}, found none that answers: {brief(error)}"
         ) from error
