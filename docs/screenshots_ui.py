@@ -18,8 +18,8 @@ from time import monotonic, sleep
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from islandgp.tracking.place import place_of_latest  # noqa: E402 -- from this checkout
 from islandgp.tracking.store import Store  # noqa: E402
+from islandgp.tracking.sync import place_of_latest  # noqa: E402 -- from this checkout
 from islandgp.tracking.ui import served  # noqa: E402
 from tests.viewer.browser import Browser, chromium  # noqa: E402
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import math
+import re
 from collections.abc import Iterable
 from contextlib import suppress
 from functools import cache
@@ -31,10 +32,14 @@ def read_json(text: str | bytes) -> Any:
     """The value of a JSON text.
 
     Raises:
-        ValueError: the text is not JSON, contains NaN, or is nested too deeply.
+        ValueError: the text is not JSON, has a number that is NaN, infinite or an integer beyond 64
+            bits, or is nested too deeply.
     """
+    raw = text if isinstance(text, bytes) else text.encode(errors="replace")
+    odd = _ODD_NUMBER.search(raw)
+    hooks: dict[str, Any] = {"parse_int": _small, "parse_float": _finite} if odd else {}
     try:
-        return json.loads(text, parse_constant=_no_number)
+        return json.loads(text, parse_constant=_no_number, **hooks)
     except RecursionError:
         raise ValueError("it is nested too deeply") from None
 
@@ -50,6 +55,18 @@ def without_controls(text: str | bytes) -> bytes:
         with suppress(ValueError, RecursionError):  # reported by the caller
             return json.dumps(cleaned_values(json.loads(raw))).encode()
     return raw
+
+
+_ODD_NUMBER: Final = re.compile(rb"\d{19}|[eE]\+?\d{3}")
+"""In each JSON text with a number that may be too large."""
+
+
+def _small(text: str) -> int:
+    return int(text) if len(text) < 20 and abs(int(text)) < 2**63 else _no_number(text[:30])
+
+
+def _finite(text: str) -> float:
+    return float(text) if math.isfinite(float(text)) else _no_number(text[:30])
 
 
 def _no_number(name: str) -> NoReturn:

@@ -12,7 +12,7 @@ import hypothesis
 import pytest
 
 from islandgp.gate import set_user_folder
-from islandgp.tracking.sender import sender
+from islandgp.tracking.mlflow import sender
 from islandgp.viewer import page_file
 from tests import caches, profiles  # noqa: F401 (it registers the profiles)
 

@@ -16,8 +16,8 @@ from islandgp.gate import check_folder, cleaned, configuration_folder
 from islandgp.records.files import pretty
 from islandgp.records.folder import RunFolder, Status, run_folders
 from islandgp.sweep.folder import SweepFolder
-from islandgp.tracking.place import place_of
-from islandgp.tracking.store import Place, Store, run_key
+from islandgp.tracking.store import Store, TrackingStore, run_key
+from islandgp.tracking.sync import place_of
 
 
 @click.command()
@@ -60,7 +60,9 @@ def _forget(sweep: SweepFolder, folder: str) -> None:
         write_atomic(sweep.path / "sweep.json", pretty(asdict(replace(file, jobs=jobs))))
 
 
-def _delete_stored(stored: list[tuple[RunFolder, Place]], sweep: SweepFolder | None) -> None:
+def _delete_stored(
+    stored: list[tuple[RunFolder, TrackingStore]], sweep: SweepFolder | None
+) -> None:
     """Deletes the MLflow runs. Raises TrackingError if a store cannot be reached."""
     try:
         for place in dict.fromkeys(place for _, place in stored):

@@ -11,11 +11,11 @@ from islandgp.config.compose import composed_config, resolved
 from islandgp.config.errors import error_lines
 from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError
-from islandgp.tracking.place import FACTORY
-from islandgp.tracking.store import MLflowSettings, Place
+from islandgp.tracking.store import MLflowSettings, TrackingStore
+from islandgp.tracking.sync import FACTORY
 
 
-def stores(config_dir: Path | None, home: Path) -> list[Place]:
+def stores(config_dir: Path | None, home: Path) -> list[TrackingStore]:
     """The MLflow stores that configuration names, those of the user's folder first.
 
     Raises ConfigError for a wrong file.
@@ -33,5 +33,5 @@ def stores(config_dir: Path | None, home: Path) -> list[Place]:
                 lines = error_lines(error, policy, MLflowSettings, f"tracking={option}: policy")
                 raise ConfigError("\n".join(lines)) from None
             is_ours = (source.folder / "tracking" / f"{option}.yaml").is_file()
-            places.append((is_ours, option, Place.of(settings, home)))
+            places.append((is_ours, option, TrackingStore.of(settings, home)))
     return [place for *_, place in sorted(places, key=lambda each: each[:2])]

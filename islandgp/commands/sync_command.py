@@ -11,9 +11,8 @@ from islandgp.commands.options import with_config_dir_option
 from islandgp.commands.stores import stores
 from islandgp.errors import TrackingError, brief
 from islandgp.gate import cleaned, configuration_folder
-from islandgp.tracking.place import place_from
-from islandgp.tracking.store import Place
-from islandgp.tracking.sync import sync
+from islandgp.tracking.store import TrackingStore
+from islandgp.tracking.sync import place_from, sync
 
 
 @click.command()
@@ -41,7 +40,9 @@ def command(folders: tuple[Path, ...], uri: str | None, experiment: str) -> None
         )
 
 
-def _sync(root: Path, place: Place | None, places: Sequence[Place]) -> dict[Path, Exception]:
+def _sync(
+    root: Path, place: TrackingStore | None, places: Sequence[TrackingStore]
+) -> dict[Path, Exception]:
     """Send the runs below a folder; returns the errors of those that could not be sent."""
     done = sync(root, place, places=places)
     for path in done.sent:

@@ -12,7 +12,7 @@ from islandgp.commands.options import with_config_dir_option
 from islandgp.commands.stores import stores
 from islandgp.gate import configuration_folder
 from islandgp.running.stopping import as_ctrl_c
-from islandgp.tracking.place import place_from
+from islandgp.tracking.sync import place_from
 from islandgp.tracking.ui import served
 
 

@@ -1,4 +1,4 @@
-"""Results of a sweep over its seeds: curves and tables by arm.
+"""Results of a sweep over its seeds: tables by arm.
 
 An arm is a group of jobs that differ only in seed. This module has means and standard deviations;
 statistical tests are in `islandgp.compare`.
@@ -20,18 +20,6 @@ from islandgp.records.values import fallback_words, validation_mean
 from islandgp.sweep.folder import SweepFile, SweepFolder, SweepJob
 from islandgp.text import in_points, title
 
-MEASURES: Final = ("fitness_max", "fitness_mean", "diversity", "rate")
-"""The figures with curves."""
-
-
-@dataclass(frozen=True, slots=True)
-class Curve:
-    """A measure over the generations 0, 1, 2, ..."""
-
-    name: str
-    means: tuple[float, ...]
-    deviations: tuple[float, ...]  # sample deviations over runs; () for a single run
-
 
 @dataclass(frozen=True, slots=True)
 class ArmSummary:
@@ -41,7 +29,6 @@ class ArmSummary:
     jobs: tuple[SweepJob, ...]
     finished: tuple[SweepJob, ...]
     summaries: tuple[dict[str, Any], ...]  # of the finished ones
-    curves: tuple[Curve, ...]  # one for each measure
     own_scale: bool = False  # True: other arms have other rewards, worlds or curricula
 
 
@@ -81,33 +68,12 @@ def arms(sweep: SweepFolder, file: SweepFile) -> list[ArmSummary]:
 def _arm(sweep: SweepFolder, name: str, jobs: list[SweepJob]) -> ArmSummary:
     finished = [job for job in jobs if sweep.run(job).finished()]
     summaries = tuple(sweep.run(job).summary() for job in finished)
-    tiers = milestones(summaries)
-    runs = [[_measured(r["snapshot"], tiers) for r in sweep.run(j).records()] for j in finished]
-    generations = list(zip(*runs, strict=False))  # as far as all runs have come
-    measures = generations[0][0] if generations else ()
-    curves = (
-        _curve(name, [[run[name] for run in each] for each in generations]) for name in measures
-    )
-    return ArmSummary(name, tuple(jobs), tuple(finished), summaries, tuple(curves))
+    return ArmSummary(name, tuple(jobs), tuple(finished), summaries)
 
 
 def milestones(summaries: Sequence[dict[str, Any]]) -> tuple[str, ...]:
     """The tiers whose first robots are in the summaries, the easiest first."""
     return tuple(dict.fromkeys(tier for s in summaries for tier in s["first"]))
-
-
-def _measured(snapshot: dict[str, Any], tiers: Sequence[str]) -> dict[str, float]:
-    """A generation's measures by name: MEASURES, and how many individuals reach each tier."""
-    measures = {name: float(snapshot[name]) for name in MEASURES}
-    return measures | {f"tiers.{t}": float(snapshot["tiers"].get(t, 0)) for t in tiers}
-
-
-def _curve(name: str, columns: list[list[float]]) -> Curve:
-    return Curve(
-        name,
-        tuple(fmean(column) for column in columns),
-        tuple(map(stdev, columns)) if all(len(column) > 1 for column in columns) else (),
-    )
 
 
 FALLBACK: Final = "fallback's answers"  # head of a column if there are any

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from pathlib import Path
 from typing import Protocol
+
+from pydantic import BaseModel
 
 from islandgp.records.folder import RunFolder, Status
 
@@ -39,3 +42,28 @@ class Tracker(Protocol):
             A line for the console with the address of the tracked run, or "".
         """
         ...
+
+
+class OffSettings(BaseModel, frozen=True, extra="forbid"):
+    """There are no settings."""
+
+
+class Off:
+    """The tracker that does nothing; the run's folder has all records."""
+
+    Settings = OffSettings
+
+    @classmethod
+    def make(cls, settings: OffSettings, home: Path) -> Off:  # noqa: ARG003 -- the protocol's
+        """See `Tracker`."""
+        return cls()
+
+    def start(self, folder: RunFolder) -> None:
+        """See `Tracker`."""
+
+    def generation(self) -> None:
+        """See `Tracker`."""
+
+    def finish(self, status: Status) -> str:  # noqa: ARG002 -- the protocol's
+        """See `Tracker`."""
+        return ""

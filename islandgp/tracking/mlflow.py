@@ -1,32 +1,113 @@
 """The MLflow tracker: copies a run's folder to MLflow in a thread, during the run.
 
 Importing MLflow takes seconds, and its server may not answer. The run never waits for either before
-its end.
+its end. All runs of a process share one thread, a daemon, so that no server can keep the process
+alive; `islandgp sync` sends what it has not sent.
 """
 
 from __future__ import annotations
 
 import shlex
-from collections.abc import Sequence
-from concurrent.futures import Future
+import sys
+from collections.abc import Callable, Sequence
+from concurrent.futures import Future, wait
 from contextlib import suppress
+from functools import cache
 from pathlib import Path
-from time import monotonic
+from queue import Queue
+from threading import Thread
+from time import monotonic, sleep
 from typing import Final
 
 from islandgp.errors import RunError, TrackingError, brief
 from islandgp.records.folder import RunFolder, Status, run_folders
 from islandgp.resources import program
-from islandgp.tracking.place import place_of
-from islandgp.tracking.sender import sender
-from islandgp.tracking.store import MLflowSettings, Place, Store, check_place
-from islandgp.tracking.sync import sync
+from islandgp.tracking.store import MLflowSettings, Store, TrackingStore, check_place, load
+from islandgp.tracking.sync import place_of, sync
 from islandgp.tracking.upload import RunUploader
 
 DEFAULT: Final = ("sqlite:///mlflow.db", "islandgp")
 """Address and experiment in the package's configuration."""
 
 PERIOD: Final = 2.0  # least s between two batches of an unfinished run
+
+
+MESSAGE_DELAY: Final = 2.0  # s of waiting before the user gets a message
+RETRY_DELAY: Final = 1.0  # s before a failed task is repeated
+
+Task = Callable[[], str]
+"""Sends records; returns "" or why some of them were not sent. It raises if the store fails."""
+
+
+class Sender:
+    """Executes tasks one after the other in a daemon thread."""
+
+    def __init__(self) -> None:
+        self._tasks: Queue[tuple[Task, Future[str]]] = Queue()
+        self._progress = monotonic()  # time of the last answer of a store
+        Thread(target=self._work, name="mlflow", daemon=True).start()
+        self._loaded = self.put(load)
+
+    def put(self, task: Task) -> Future[str]:
+        """Queue a task; return immediately."""
+        future: Future[str] = Future()
+        self._tasks.put((task, future))
+        return future
+
+    def alive(self) -> None:
+        """A store has answered; tasks call this after each batch of records."""
+        self._progress = monotonic()
+
+    def _work(self) -> None:
+        while True:
+            task, future = self._tasks.get()
+            try:
+                future.set_result(task())
+                self.alive()
+            except Exception as error:  # a store may fail in any way, and a folder be damaged
+                future.set_exception(error)
+
+    def finish(self, task: Task, patience: float, command: str, *, may_hang: bool) -> str:
+        """Execute a task and wait for it; repeat it while it fails. Ctrl-C ends the waiting.
+
+        Args:
+            task: to execute.
+            patience: s without an answer after which it gives up, >= 0; with 0 it does not wait.
+            command: that sends the rest, for the message after MESSAGE_DELAY.
+            may_hang: True: the store is a server, which may never answer. For a file, the patience
+                counts from its first failure.
+
+        Returns:
+            "", or the reason why not everything was sent.
+        """
+        begin, reason, is_informed = monotonic(), "", False
+        future = self.put(task)
+        try:
+            while True:
+                wait([future], min(patience, MESSAGE_DELAY / 4))
+                if future.done():
+                    try:
+                        return future.result()
+                    except Exception as error:
+                        reason = brief(error)
+                    sleep(min(patience, RETRY_DELAY))
+                    future = self.put(task)
+                if not self._loaded.done() or not (may_hang or reason):
+                    self.alive()  # imports and a new SQLite file take long on a busy machine
+                if monotonic() - max(begin, self._progress) >= patience:
+                    return reason or f"no answer in {patience:g} s"
+                if not is_informed and monotonic() - begin >= MESSAGE_DELAY:
+                    is_informed = True
+                    message = f"sending to MLflow; Ctrl-C stops waiting, `{command}` sends the rest"
+                    print(message, file=sys.stderr, flush=True)
+        except KeyboardInterrupt:
+            return "waiting was interrupted"
+
+
+@cache
+def sender() -> Sender:
+    """The sender of this process, started when it is first needed."""
+    return Sender()
 
 
 class MLflow:
@@ -37,14 +118,14 @@ class MLflow:
     @classmethod
     def make(cls, settings: MLflowSettings, home: Path) -> MLflow:
         """See `Tracker`."""
-        return cls(Place.of(settings, home), settings.patience)
+        return cls(TrackingStore.of(settings, home), settings.patience)
 
     @classmethod
     def check(cls, settings: MLflowSettings, home: Path) -> None:
         """See `Tracker`. Raises TrackingError if runs can never be stored at this address."""
-        check_place(Place.of(settings, home))
+        check_place(TrackingStore.of(settings, home))
 
-    def __init__(self, place: Place, patience: float) -> None:
+    def __init__(self, place: TrackingStore, patience: float) -> None:
         """Starts nothing.
 
         Args:
@@ -93,12 +174,12 @@ class MLflow:
         return f"MLflow: {self.place.uri} {_not_sent(reason, command)}"
 
 
-def sync_command(folders: Sequence[Path], places: Sequence[Place]) -> str:
+def sync_command(folders: Sequence[Path], places: Sequence[TrackingStore]) -> str:
     """The command that sends the missing records of folders to their stores; a line for each."""
     if len({*places}) == 1:
         words = [program(), "sync", *(shlex.quote(str(folder.absolute())) for folder in folders)]
         return " ".join([*words, *store_options(places[0])])
-    jobs: dict[Place, list[Path]] = {place: [] for place in places}
+    jobs: dict[TrackingStore, list[Path]] = {place: [] for place in places}
     for run in (run for folder in folders for run in run_folders(folder)):
         with suppress(RunError):  # a damaged one is reported by `sync`
             if place := place_of(run, places):
@@ -106,7 +187,7 @@ def sync_command(folders: Sequence[Path], places: Sequence[Place]) -> str:
     return "\n  ".join(sync_command(runs, [place]) for place, runs in jobs.items() if runs)
 
 
-def store_options(place: Place) -> list[str]:
+def store_options(place: TrackingStore) -> list[str]:
     """The options by which `sync` and `ui` find a store; none for that of the package's files."""
     if place.configured == DEFAULT and place.file == Path.cwd() / "mlflow.db":
         return []

@@ -9,7 +9,6 @@ from __future__ import annotations
 import logging
 import os
 import re
-from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -25,7 +24,7 @@ from pydantic import BaseModel, Field, field_validator
 
 from islandgp.atomic_files import must_take_files
 from islandgp.errors import TrackingError
-from islandgp.records.parameters import CREDENTIALS, ending_in_digest
+from islandgp.records.parameters import CREDENTIALS
 from islandgp.redaction import HIDDEN
 from islandgp.tracking.sqlite_paths import check_artifacts, check_experiment, location
 
@@ -86,7 +85,7 @@ class MLflowSettings(BaseModel, frozen=True, extra="forbid"):
 
 
 @dataclass(frozen=True, slots=True)
-class Place:
+class TrackingStore:
     """The address of a store and an experiment in it, independent of the working folder."""
 
     uri: str  # of a file: sqlite:/// and its absolute path
@@ -97,7 +96,7 @@ class Place:
     """Address and experiment as in the configuration, without credentials."""
 
     @classmethod
-    def of(cls, settings: MLflowSettings, home: Path) -> Place:
+    def of(cls, settings: MLflowSettings, home: Path) -> TrackingStore:
         """The place for these settings; relative paths are relative to `home`."""
         configured = configured_name(settings.uri, settings.experiment)
         if not settings.uri.startswith(SQLITE):
@@ -138,7 +137,7 @@ def configured_name(uri: str, experiment: str) -> tuple[str, str]:
     return CREDENTIALS.sub("", uri).rstrip("/"), experiment
 
 
-def check_place(place: Place) -> None:
+def check_place(place: TrackingStore) -> None:
     """Raises TrackingError if a SQLite file cannot be created or written.
 
     A full disk is no error, as it may have space again at the end of the run.
@@ -164,7 +163,7 @@ def check_place(place: Place) -> None:
 class Store:
     """An open store. Each method may raise MLflow's errors, e.g. if the server is unreachable."""
 
-    def __init__(self, place: Place) -> None:
+    def __init__(self, place: TrackingStore) -> None:
         """Opens the store. Raises TrackingError if its experiment was deleted."""
         self.place = place
         self._client = _client(place)
@@ -269,27 +268,11 @@ def metric(key: str, value: float, at: int, step: int) -> Metric:
     return Metric(key, float(value), at, step)
 
 
-def valid_names(
-    names: Sequence[str], invalid: re.Pattern[str] = INVALID, longest: int = MAX_NAME
-) -> list[str]:
-    """Names of parameters and metrics that MLflow accepts, for names that all differ.
-
-    Invalid characters become "_". Names that are then equal, or too long, end in a digest.
-    """
-    safe = [invalid.sub("_", name) for name in names]
-    often = Counter(safe)
-    return [
-        valid
-        if often[valid] == 1 and len(valid) <= longest
-        else ending_in_digest(valid, name, longest)
-        for name, valid in zip(names, safe, strict=True)
-    ]
-
-
 def points(values: Mapping[str, float], at: int, step: int) -> list[Metric]:
     """The points of values by name, with valid names; `at` is ms since 1970."""
-    names = valid_names([*values])
-    return [metric(name, v, at, step) for name, v in zip(names, values.values(), strict=True)]
+    return [
+        metric(INVALID.sub("_", name)[:MAX_NAME], value, at, step) for name, value in values.items()
+    ]
 
 
 def load() -> str:
@@ -305,7 +288,7 @@ def load() -> str:
     return ""
 
 
-def _client(place: Place) -> MlflowClient:
+def _client(place: TrackingStore) -> MlflowClient:
     load()
     _authenticate(place)
     from mlflow.tracking import MlflowClient
@@ -325,7 +308,7 @@ _user_values: Final[dict[str, str | None]] = {}
 """The user's values of these variables while those of an address replace them."""
 
 
-def _authenticate(place: Place) -> None:
+def _authenticate(place: TrackingStore) -> None:
     """Passes the name and password of an address to MLflow by environment variables.
 
     A place without them gets the user's own variables, never those of another address.
@@ -356,7 +339,7 @@ def _make(file: Path) -> bool:
             return True
         new = file.with_name(f".{file.stem}.new")
         new.unlink(missing_ok=True)
-        address = Place(f"{SQLITE}{new}", None, "").address
+        address = TrackingStore(f"{SQLITE}{new}", None, "").address
         artifacts = location(file.with_name("mlartifacts"))
         store = SqlAlchemyStore(address, artifacts)  # type: ignore[no-untyped-call]
         store.engine.dispose()

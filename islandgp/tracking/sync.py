@@ -1,19 +1,72 @@
-"""`islandgp sync`: sends records of runs and sweeps that are missing in their store."""
+"""`islandgp sync`: sends records of runs and sweeps that are missing in their store.
+
+The stores come from the options of a command and the user's configuration. A run's configuration
+only chooses one of them, by its address and experiment.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
-from islandgp.errors import IslandError
-from islandgp.records.folder import Status, run_folders
+from pydantic import ValidationError
+
+from islandgp.errors import IslandError, TrackingError, UntrustedError
+from islandgp.gate import cleaned
+from islandgp.records.folder import RunFolder, Status, run_folders
+from islandgp.records.parameters import without_credentials
 from islandgp.sweep.folder import SweepFolder
 from islandgp.tracking.parent import send_sweep
-from islandgp.tracking.place import place_of
-from islandgp.tracking.store import Place, Store
+from islandgp.tracking.store import MLflowSettings, Store, TrackingStore, configured_name
 from islandgp.tracking.upload import RunUploader
+
+FACTORY: Final = "islandgp.tracking.mlflow:MLflow"
+
+
+def place_from(uri: str, experiment: str) -> TrackingStore:
+    """The store of an address that a user gave; a file has its artifacts beside it.
+
+    Raises TrackingError.
+    """
+    try:
+        settings = MLflowSettings(
+            uri=uri, artifacts="mlartifacts", experiment=experiment, patience=0
+        )
+    except ValidationError:
+        if not experiment:
+            raise TrackingError("Expected the name of an experiment, found none.") from None
+        raise TrackingError(
+            "Expected a store as sqlite:///FILE or http://HOST:PORT, with a port from 1 to 65535,"
+            f" found {cleaned(without_credentials(uri))!r}."
+        ) from None
+    file = TrackingStore.of(settings, Path.cwd()).file
+    return TrackingStore.of(settings, Path.cwd() if file is None else file.parent)
+
+
+def place_of(folder: RunFolder, places: Iterable[TrackingStore]) -> TrackingStore | None:
+    """The one of the user's stores that a run's configuration names; None without tracking.
+
+    Raises:
+        RunError: the folder is damaged.
+        UntrustedError: it names another store.
+    """
+    tracking = folder.configuration().get("tracking")
+    if not isinstance(tracking, dict) or tracking.get("factory") != FACTORY:
+        return None
+    params = tracking.get("policy")
+    params = params if isinstance(params, dict) else {}
+    name = configured_name(str(params.get("uri")), str(params.get("experiment")))
+    for place in places:
+        if place.configured == name:
+            return place
+    uri, experiment = name
+    raise UntrustedError(
+        f"Expected a store that your own command or configuration names, found {uri} with"
+        f" experiment {experiment}, which only the run names; give --uri and --experiment, or"
+        " --config-dir FOLDER with a file tracking/NAME.yaml."
+    )
 
 
 @dataclass(slots=True)
@@ -28,9 +81,9 @@ class Synced:
 
 def sync(
     root: Path,
-    place: Place | None = None,
+    place: TrackingStore | None = None,
     *,
-    places: Sequence[Place] = (),
+    places: Sequence[TrackingStore] = (),
     alive: Callable[[], None] = lambda: None,
 ) -> Synced:
     """Sends the missing records of all runs and sweeps in a folder.
@@ -45,8 +98,8 @@ def sync(
         The folders by outcome, including unreachable stores and folders that cannot be sent.
     """
     done = Synced()
-    stores: dict[Place, Store | IslandError | Exception] = {}
-    sweeps: dict[Path, Place] = {}
+    stores: dict[TrackingStore, Store | IslandError | Exception] = {}
+    sweeps: dict[Path, TrackingStore] = {}
     for folder in run_folders(root.resolve()):
         try:
             where = place or place_of(folder, places)
@@ -75,7 +128,7 @@ def sync(
     return done
 
 
-def _store(stores: dict[Place, Any], place: Place) -> Store:
+def _store(stores: dict[TrackingStore, Any], place: TrackingStore) -> Store:
     """The store of a place; a place that was unreachable once is not tried again."""
     if place not in stores:
         try:

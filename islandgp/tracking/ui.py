@@ -27,7 +27,7 @@ from urllib.request import urlopen
 from islandgp.errors import TrackingError, brief
 from islandgp.gate import cleaned
 from islandgp.tracking.sqlite_paths import check_addresses, location
-from islandgp.tracking.store import ARM, Place, Store
+from islandgp.tracking.store import ARM, Store, TrackingStore
 
 RECENT: Final = 100  # runs whose milestones are read
 MAX_MILESTONES: Final = 5  # milestones with a chart; a tag has at most 5000 characters
@@ -105,7 +105,7 @@ class Pages:
 
 
 @contextmanager
-def served(place: Place, port: int) -> Iterator[Pages]:
+def served(place: TrackingStore, port: int) -> Iterator[Pages]:
     """Context with a running server of the store; a tracking server runs already.
 
     Raises:
@@ -150,7 +150,7 @@ def _pages(server: str, experiment: str, sweep: str) -> Pages:
     return Pages(arms, runs_page(server, experiment, "TABLE", "runs"), sweep)
 
 
-def _opened(place: Place) -> tuple[Store, str]:
+def _opened(place: TrackingStore) -> tuple[Store, str]:
     """The store with its views, and the name of its latest sweep."""
     try:
         store = Store(place)
@@ -163,7 +163,7 @@ def _opened(place: Place) -> tuple[Store, str]:
         ) from error
 
 
-def server_command(place: Place, port: int) -> list[str]:
+def server_command(place: TrackingStore, port: int) -> list[str]:
     """The command of an MLflow server of the store, on a port of this machine alone."""
     hosts = [f"{host}:{port}" for host in (HOST, "127.0.0.1", "localhost")]
     return [

@@ -10,9 +10,8 @@ from time import perf_counter
 import pytest
 
 from islandgp.records.folder import RunFolder, Status
-from islandgp.tracking.base import Tracker
+from islandgp.tracking.base import Off, Tracker
 from islandgp.tracking.mlflow import MLflow
-from islandgp.tracking.off import Off
 from islandgp.tracking.store import MLflowSettings, Store
 from tests.tracking.folders import begun, closed_run, place, steps
 

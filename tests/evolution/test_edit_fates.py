@@ -7,7 +7,7 @@ from dataclasses import replace
 from islandgp.gp.edit_fates import edit_fates
 from islandgp.gp.edits import Edit, EditTrial, as_record
 from islandgp.gp.record import GenerationRecord, IndividualRecord, record_values
-from islandgp.tracking.metrics import final_metrics
+from islandgp.tracking.upload import final_metrics
 from tests.evolution.runs import run
 from tests.tracking.test_metrics import metrics
 

@@ -18,8 +18,7 @@ from islandgp.records.archive_file import read_archive
 from islandgp.records.folder import RunFolder, run_folders
 from islandgp.records.manifest import NAME, UNLISTED, damaged_files, read_manifest
 from islandgp.running.app import main
-from islandgp.tracking.place import place_from
-from islandgp.tracking.sync import sync
+from islandgp.tracking.sync import place_from, sync
 from tests.tracking.folders import begun, closed_run, finished, steps
 
 TINY = (

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from islandgp.tracking.store import MLflowSettings, Place, Store
+from islandgp.tracking.store import MLflowSettings, Store, TrackingStore
 
 MEASURED = ("cost/", "run/seconds")  # differs from machine to machine
 
@@ -28,7 +28,7 @@ class Tracked:
 def store(home: Path) -> Store:
     """The default store of a folder in which a command was given."""
     return Store(
-        Place.of(
+        TrackingStore.of(
             MLflowSettings(
                 uri="sqlite:///mlflow.db",
                 artifacts="mlartifacts",

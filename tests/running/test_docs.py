@@ -21,7 +21,7 @@ from islandgp.running.app import main
 from islandgp.running.progress import columns
 from islandgp.running.report import report
 from islandgp.tracking.artifacts import FILES
-from islandgp.tracking.metrics import final_metrics
+from islandgp.tracking.upload import final_metrics
 from tests.running.commands import ROOT, finish, start
 from tests.samples import CLASSES
 from tests.tracking.folders import steps

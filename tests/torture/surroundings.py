@@ -15,7 +15,7 @@ from pathlib import Path
 from time import sleep
 from typing import Final
 
-from islandgp.tracking.store import Place
+from islandgp.tracking.store import TrackingStore
 from islandgp.tracking.sync import sync
 from islandgp.tracking.ui import server_command
 from tests.running.commands import ROOT
@@ -171,7 +171,7 @@ def dying_server(lab: Lab) -> None:
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         port = probe.getsockname()[1]
-    place = Place(f"sqlite:///{home / 'server.db'}", str(home / "kept"), "islandgp")
+    place = TrackingStore(f"sqlite:///{home / 'server.db'}", str(home / "kept"), "islandgp")
     server = subprocess.Popen(
         server_command(place, port),
         stdout=subprocess.DEVNULL,

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from islandgp.records.folder import RunFolder, Status
-from islandgp.tracking.store import Place, Store
+from islandgp.tracking.store import Store, TrackingStore
 from islandgp.tracking.upload import RunUploader
 from tests.tracking.folders import begun, finished, steps
 
@@ -59,7 +59,7 @@ class FaultyClient:
 class Faulty(Store):
     """A store on the other side of a line that breaks once."""
 
-    def __init__(self, place: Place, at: int, fault: Fault, error: BaseException) -> None:
+    def __init__(self, place: TrackingStore, at: int, fault: Fault, error: BaseException) -> None:
         super().__init__(place)
         self._client: Any = FaultyClient(self._client, at, fault, error=error)
 

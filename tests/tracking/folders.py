@@ -18,7 +18,7 @@ from islandgp.records.folder import RunFolder
 from islandgp.running.report import summary
 from islandgp.running.totals import totals_of
 from islandgp.supervision.baseline import Baseline, BaselineSettings
-from islandgp.tracking.store import MLflowSettings, Place, Store
+from islandgp.tracking.store import MLflowSettings, Store, TrackingStore
 from tests.composed import composed, composed_plan, plain
 from tests.evolution.fake import Fake
 from tests.samples import best_of
@@ -94,12 +94,12 @@ def finished(
     return summary(totals_of(folder), champion, best, MILESTONES)
 
 
-def place(home: Path, experiment: str = "islandgp") -> Place:
+def place(home: Path, experiment: str = "islandgp") -> TrackingStore:
     """The default store of a folder in which a command was given."""
     settings = MLflowSettings(
         uri="sqlite:///mlflow.db", artifacts="mlartifacts", experiment=experiment, patience=0
     )
-    return Place.of(settings, home)
+    return TrackingStore.of(settings, home)
 
 
 def history(store: Store, run: str, name: str = "fitness_max") -> list[tuple[int, float]]:

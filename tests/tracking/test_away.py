@@ -17,7 +17,7 @@ import pytest
 
 from islandgp.records.folder import Status
 from islandgp.tracking.mlflow import MLflow
-from islandgp.tracking.store import MLflowSettings, Place, Store
+from islandgp.tracking.store import MLflowSettings, Store, TrackingStore
 from islandgp.tracking.sync import sync
 from islandgp.tracking.upload import RunUploader
 from tests.profiles import sweep
@@ -245,7 +245,7 @@ def test_a_server_killed_and_started_again_loses_nothing(tmp_path: Path) -> None
         "progress=off",
     )
     run = start(home, *overrides)
-    remote = Store(Place(uri, None, "islandgp"))
+    remote = Store(TrackingStore(uri, None, "islandgp"))
     _until(lambda: bool(remote.client.search_runs([remote.experiment])))
     _kill(server)
     code, output = finish(run)
@@ -253,7 +253,7 @@ def test_a_server_killed_and_started_again_loses_nothing(tmp_path: Path) -> None
     assert "islandgp sync" in output
     server = _serve(tmp_path, port)
     try:
-        sync(home / "runs", Place(uri, None, "islandgp"))
+        sync(home / "runs", TrackingStore(uri, None, "islandgp"))
         (stored,) = remote.client.search_runs([remote.experiment])
         assert stored.info.status == "FINISHED"
         assert [step for step, _ in history(remote, stored.info.run_id)] == list(range(30))

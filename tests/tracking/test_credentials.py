@@ -14,7 +14,7 @@ from islandgp.cli import islandgp
 from islandgp.records.manifest import add_to_manifest
 from islandgp.records.parameters import redacted, without_credentials
 from islandgp.running.app import main
-from islandgp.tracking.store import ACCOUNT, MLflowSettings, Place, _authenticate
+from islandgp.tracking.store import ACCOUNT, MLflowSettings, TrackingStore, _authenticate
 from islandgp.tracking.sync import sync
 from tests.profiles import sweep
 from tests.running.commands import TINY, fake, finish, start
@@ -98,7 +98,7 @@ def test_a_sweep_s_end_knows_what_the_folders_lack(
             experiment="islandgp",
             patience=0,
         )
-        places = (Place.of(settings, tmp_path),) if is_users else ()
+        places = (TrackingStore.of(settings, tmp_path),) if is_users else ()
         sync(tmp_path, places=places)
     assert set(credentials) == ({BASIC} if is_users else set())
     assert [PIECE in repr(place) for place in places] == [False] * is_users
@@ -140,13 +140,13 @@ def test_a_server_that_only_a_folder_names_is_not_asked(
 
 def test_each_store_has_its_password(monkeypatch: pytest.MonkeyPatch) -> None:
     """The one of an address is not sent to the next store, which gets the user's variables."""
-    _authenticate(Place("http://two", None, "e"))
+    _authenticate(TrackingStore("http://two", None, "e"))
     monkeypatch.setenv("MLFLOW_TRACKING_USERNAME", "outside")
     monkeypatch.delenv("MLFLOW_TRACKING_PASSWORD", raising=False)
-    one = Place("http://one", None, "e", credentials="me:pass")
+    one = TrackingStore("http://one", None, "e", credentials="me:pass")
     _authenticate(one)
     assert [os.environ.get(variable) for variable in ACCOUNT] == ["me", "pass"]
-    _authenticate(Place("http://two", None, "e"))
+    _authenticate(TrackingStore("http://two", None, "e"))
     assert [os.environ.get(variable) for variable in ACCOUNT] == ["outside", None]
 
 
@@ -182,7 +182,7 @@ def test_which_addresses_hold_credentials(text: str, redacted_text: str) -> None
 def test_a_place_is_the_same_with_and_without_credentials(tmp_path: Path) -> None:
     """So a run finds what it has sent, and an address from a run's folder works as well."""
     places = {
-        Place.of(
+        TrackingStore.of(
             MLflowSettings(
                 uri=f"http://{user}host:5000", artifacts="a", experiment="e", patience=0
             ),

@@ -7,7 +7,7 @@ from typing import Any
 
 from islandgp.gp.record import GuidanceRecord, record_values
 from islandgp.records.values import generation_values, metric_values
-from islandgp.tracking.metrics import final_metrics
+from islandgp.tracking.upload import final_metrics
 from tests.compare.fake_runs import guidance
 from tests.tracking.folders import steps
 

@@ -9,7 +9,7 @@ from time import monotonic
 import pytest
 
 from islandgp.tracking import sender as sender_module
-from islandgp.tracking.sender import Sender
+from islandgp.tracking.mlflow import Sender
 
 COMMAND = "islandgp sync runs/a"
 

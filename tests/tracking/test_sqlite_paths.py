@@ -14,10 +14,9 @@ from mlflow.tracking._tracking_service import utils
 
 from islandgp.cli import islandgp
 from islandgp.errors import IslandError, TrackingError
-from islandgp.tracking.place import place_from
 from islandgp.tracking.sqlite_paths import check_addresses
-from islandgp.tracking.store import Place, Store
-from islandgp.tracking.sync import sync
+from islandgp.tracking.store import Store, TrackingStore
+from islandgp.tracking.sync import place_from, sync
 from tests.tracking.folders import closed_run, place
 
 SERVER = "http://127.0.0.1:9/x"
@@ -125,6 +124,8 @@ def test_artifacts_are_beside_the_file_that_is_given(
     """From any folder."""
     monkeypatch.chdir(tmp_path)
     given = place_from(f"sqlite:///{tmp_path}/there/x.db", "e")
-    assert given == Place(f"sqlite:///{tmp_path}/there/x.db", f"{tmp_path}/there/mlartifacts", "e")
+    assert given == TrackingStore(
+        f"sqlite:///{tmp_path}/there/x.db", f"{tmp_path}/there/mlartifacts", "e"
+    )
     with pytest.raises(IslandError, match="found 'ftp://"):
         place_from("ftp://x", "e")

@@ -12,18 +12,18 @@ import pytest
 from pydantic import ValidationError
 
 from islandgp.errors import TrackingError
-from islandgp.tracking.store import MLflowSettings, Place, Store, points
+from islandgp.tracking.store import MLflowSettings, Store, TrackingStore, points
 from tests.running.commands import ROOT
 from tests.tracking.folders import place
 
 START = """
 import sys
 from pathlib import Path
-from islandgp.tracking.store import MLflowSettings, Place, Store
+from islandgp.tracking.store import MLflowSettings, TrackingStore, Store
 settings = MLflowSettings(
     uri="sqlite:///mlflow.db", artifacts="mlartifacts", experiment="islandgp", patience=0
 )
-store = Store(Place.of(settings, Path(sys.argv[1])))
+store = Store(TrackingStore.of(settings, Path(sys.argv[1])))
 store.client.create_run(store.experiment)
 """
 
@@ -66,7 +66,7 @@ def test_paths_are_meant_from_where_the_command_was_given(tmp_path: Path) -> Non
     absolute = MLflowSettings(
         uri=f"sqlite:///{tmp_path}/there.db", artifacts="/x", experiment="e", patience=0
     )
-    assert Place.of(absolute, tmp_path).uri == f"sqlite:///{tmp_path}/there.db"
+    assert TrackingStore.of(absolute, tmp_path).uri == f"sqlite:///{tmp_path}/there.db"
 
 
 def test_a_server_has_its_artifacts(tmp_path: Path) -> None:
@@ -74,7 +74,7 @@ def test_a_server_has_its_artifacts(tmp_path: Path) -> None:
     settings = MLflowSettings(
         uri="http://host:5000/", artifacts="mlartifacts", experiment="e", patience=0
     )
-    assert Place.of(settings, tmp_path) == Place("http://host:5000", None, "e")
+    assert TrackingStore.of(settings, tmp_path) == TrackingStore("http://host:5000", None, "e")
 
 
 def test_artifacts_are_beside_the_store(store: Store, home: Path) -> None:

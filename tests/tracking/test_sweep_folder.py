@@ -13,7 +13,7 @@ from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import add_to_manifest
 from islandgp.sweep.folder import SweepFile, SweepFolder, SweepJob
 from islandgp.sweep.summary import arm_table, arms, power_line
-from islandgp.tracking.parent import metric_names, parent_run, send_sweep
+from islandgp.tracking.parent import parent_run, send_sweep
 from islandgp.tracking.store import Store, run_key
 from islandgp.tracking.upload import RunUploader
 from tests.tracking.folders import begun, closed_run
@@ -98,16 +98,6 @@ def test_the_order_of_a_commands_overrides_does_not_matter(tmp_path: Path) -> No
     assert arms == {"gp.episodes=1 gp.population=8": 2, "baseline": 1}
 
 
-def test_arms_have_separate_metrics() -> None:
-    """Names that are equal in MLflow, or that it rejects, end in a digest."""
-    long = "baseline supervisor.policy.record=" + "x" * 300
-    names = metric_names(["baseline a=1", "baseline a=x/y", "baseline a=x,y", long])
-    assert names[0] == "baseline a_1"
-    assert [name[:-8] for name in names[1:3]] == ["baseline a_x_y-"] * 2
-    assert len(set(names)) == 4
-    assert len(names[3]) == 180
-
-
 @pytest.mark.parametrize(
     ("seeds", "words"),
     [
@@ -168,7 +158,7 @@ def test_jobs_find_the_same_parent(home: Path, store: Store) -> None:
 
 
 def test_a_finished_sweep_is_described(home: Path, store: Store) -> None:
-    """Table and commands as Markdown, curves over seeds as metrics, children nested."""
+    """Table and commands as Markdown, children nested."""
     sweep = started_sweep(home / "runs/s", job("b-seed1", seed=1), job("b-seed2", seed=2))
     for seed in (1, 2):
         closed_run(home / f"runs/s/b-seed{seed}", home, seed=seed)
@@ -179,14 +169,6 @@ def test_a_finished_sweep_is_described(home: Path, store: Store) -> None:
     note = run.data.tags["mlflow.note.content"]
     assert "| baseline | 2 of 2 |" in note
     assert "    python -m islandgp -m" in note
-    firsts = [
-        next(sweep.run(entry).records())["snapshot"]["fitness_max"] for entry in file_of(sweep).jobs
-    ]
-    points = store.client.get_metric_history(parent, "sweep/baseline fitness_max mean")
-    assert [m.step for m in points] == [0, 1, 2, 3, 4]
-    assert points[0].value == pytest.approx(sum(firsts) / 2)
-    assert run.data.params["seed"] == "1, 2"
-    assert run.data.params["supervisor.name"] == "baseline"
     names = {file.path for file in store.client.list_artifacts(parent)}
     assert names == {"arms.md", "sweep.json"}
     for entry in file_of(sweep).jobs:
@@ -222,23 +204,6 @@ def test_a_sweep_at_work_is_running_again(home: Path, store: Store) -> None:
     folder.close()
     sweep.close()
     assert store.client.get_run(parent).info.status == "RUNNING"
-
-
-def test_more_seeds_make_a_new_parent(home: Path, store: Store) -> None:
-    """Points cannot be taken back, so the curves of more runs are in a new run, alone."""
-    sweep = started_sweep(home / "runs/s", job("one"))
-    closed_run(home / "runs/s/one", home)
-    first = send(sweep, store)
-    deviation = "sweep/baseline diversity sd"
-    assert store.client.get_metric_history(first, deviation) == []  # one run has none
-    started_sweep(home / "runs/s", job("two", seed=1))
-    closed_run(home / "runs/s/two", home, seed=2)
-    second = send(sweep, store)
-    assert second != first
-    assert store.client.get_run(first).info.lifecycle_stage == "deleted"
-    points = store.client.get_metric_history(second, "sweep/baseline diversity mean")
-    assert [m.step for m in points] == [0, 1, 2, 3, 4]
-    assert len(store.client.get_metric_history(second, deviation)) == 5
 
 
 def with_summary(folder: RunFolder, **changes: object) -> None:

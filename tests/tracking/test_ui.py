@@ -29,9 +29,8 @@ from islandgp.records.folder import Status
 from islandgp.resources import resource
 from islandgp.tracking import ui
 from islandgp.tracking.mlflow import sync_command
-from islandgp.tracking.place import place_from
-from islandgp.tracking.store import ARM, Place, Store
-from islandgp.tracking.sync import sync
+from islandgp.tracking.store import ARM, Store, TrackingStore
+from islandgp.tracking.sync import place_from, sync
 from islandgp.tracking.ui import Pages, runs_page, served, share_views
 from islandgp.tracking.upload import RunUploader
 from tests.running.commands import ROOT
@@ -136,14 +135,14 @@ def test_the_extra_with_the_pages_is_named(tmp_path: Path, monkeypatch: pytest.M
     file = tmp_path / "mlflow.db"
     file.touch()
     with pytest.raises(TrackingError, match=r"client alone; pip install 'islandgp\[ui\]'"):
-        served(Place(f"sqlite:///{file}", None, "islandgp"), 5000).__enter__()
+        served(TrackingStore(f"sqlite:///{file}", None, "islandgp"), 5000).__enter__()
 
 
 def test_a_server_that_is_away_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """`islandgp ui --uri` for a server that does not answer."""
     monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
     with pytest.raises(TrackingError, match=r"Expected an MLflow store at http://127\.0\.0\.1:9"):
-        served(Place("http://127.0.0.1:9", None, "islandgp"), 5000).__enter__()
+        served(TrackingStore("http://127.0.0.1:9", None, "islandgp"), 5000).__enter__()
 
 
 @pytest.mark.parametrize("uri", ["mlflow.db", "ftp://x"])
@@ -241,7 +240,7 @@ def test_signals_end_the_command_as_ctrl_c_does(
     closed: list[int] = []
 
     @contextmanager
-    def served(_: Place, port: int) -> Iterator[Pages]:
+    def served(_: TrackingStore, port: int) -> Iterator[Pages]:
         try:
             yield Pages("arms", "runs")
         finally:
@@ -350,7 +349,7 @@ def test_sync_reports_nothing_as_stored_if_the_store_is_away(
     folder = closed_run(home / "runs/a/one", home)
     sync(home, place(home))
 
-    def away(place: Place) -> Store:
+    def away(place: TrackingStore) -> Store:
         raise ConnectionError(f"{place.uri} is gone")
 
     monkeypatch.setattr("islandgp.tracking.sync.Store", away)
