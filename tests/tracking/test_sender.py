@@ -8,7 +8,7 @@ from time import monotonic
 
 import pytest
 
-from islandgp.tracking import sender as sender_module
+from islandgp.tracking import mlflow as sender_module
 from islandgp.tracking.mlflow import Sender
 
 COMMAND = "islandgp sync runs/a"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import shutil
 import sqlite3
 from collections.abc import Callable
-from contextlib import closing
+from contextlib import closing, suppress
 from pathlib import Path
 
 import pytest
@@ -13,16 +13,18 @@ from click.testing import CliRunner
 from mlflow.tracking._tracking_service import utils
 
 from islandgp.cli import islandgp
-from islandgp.errors import IslandError, TrackingError
+from islandgp.errors import IslandError, TrackingError, brief
+from islandgp.gate import CONTROL, cleaned
 from islandgp.tracking.sqlite_paths import check_addresses
 from islandgp.tracking.store import Store, TrackingStore
 from islandgp.tracking.sync import place_from, sync
+from islandgp.tracking.ui import _opened
 from tests.tracking.folders import closed_run, place
 
 SERVER = "http://127.0.0.1:9/x"
 
 
-def execute(file: Path, statement: str, *values: str) -> None:
+def execute(file: Path, statement: str, *values: str | bytes | None) -> None:
     """Executes a statement in a database."""
     with closing(sqlite3.connect(file)) as store, store:
         store.execute(statement, values)
@@ -94,6 +96,41 @@ def test_a_store_with_an_address_is_not_served(home: Path) -> None:
     execute(home / "mlflow.db", "UPDATE experiments SET artifact_location = ?", SERVER)
     with pytest.raises(TrackingError, match=f"found {SERVER}"):
         check_addresses(home / "mlflow.db")
+
+
+TABLES = ("experiments", "runs", "tags", "params", "experiment_tags", "metrics", "latest_metrics")
+VALUES = {
+    "a server": SERVER,
+    "an outside path": "../../outside",
+    "a script": "<script>alert(1)</script>",
+    "an escape sequence": "\x1b]0;title\x07\x1b[31mred",
+    "another type": b"\xff\x00",
+    "nothing": None,
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("table", TABLES)
+@pytest.mark.parametrize("kind", VALUES)
+def test_any_value_in_any_column(table: str, kind: str, home: Path) -> None:
+    """Runs are sent, or one line says why not; the pages open, or one line says why not."""
+    folder = closed_run(home / "runs/a/one", home, 2)
+    sync(home, place(home))
+    with closing(sqlite3.connect(home / "mlflow.db")) as store:
+        columns = [row[1] for row in store.execute(f"PRAGMA table_info({table})")]
+    closed_run(folder.path, home)
+    original = (home / "mlflow.db").read_bytes()
+    before = {file.name for file in home.parent.iterdir()}
+    for column in columns:
+        (home / "mlflow.db").write_bytes(original)
+        # Some columns take no such value.
+        with suppress(sqlite3.Error):
+            execute(home / "mlflow.db", f"UPDATE {table} SET {column} = ?", VALUES[kind])
+        failed = [cleaned(str(error)) for error in sync(home, place(home)).failed.values()]
+        assert not any(CONTROL.search(brief(Exception(text))) for text in failed)
+        with suppress(TrackingError):
+            assert not CONTROL.search(_opened(place(home))[1])
+    assert {file.name for file in home.parent.iterdir()} == before
 
 
 @pytest.mark.parametrize("name", ["new", "c?d", "a%41b", "e f#g"])
