@@ -13,13 +13,13 @@ from islandgp.domain import Outcome, total
 from islandgp.evaluation.base import EarlyEvaluator, Evaluator, Job, evaluated
 from islandgp.evolution.edit_trials import compare_with_parents
 from islandgp.evolution.search_calls import asked_of
-from islandgp.gp.archive import ArchiveUpdate, Elite, update_archive
+from islandgp.gp.archive import ArchiveUpdate, Elite, cell_of, update_archive
 from islandgp.gp.edits import EditTrial
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Evaluated, Individual
 from islandgp.gp.record import IndividualRecord, RunState, to_record
 from islandgp.scoring.classes import classify
-from islandgp.scoring.constraints import violation
+from islandgp.scoring.constraints import mean_violation, violation
 from islandgp.scoring.generation_stats import GenerationStats, generation_stats
 from islandgp.search.base import Search, SearchState
 from islandgp.seeding import Stream, Streams, seed_of
@@ -215,21 +215,30 @@ def archived(
         for i in range(plan.archive.reevaluations)
     ]
     nodes = {text: e.individual.tree for text, e in zip(texts, population, strict=True)}
-    return update_archive(
-        before,
-        population,
-        texts,
-        [worlds[0 if plan.gp.shared_seed else i * n] for i in range(len(population))],
-        plan.archive,
-        plan.classes,
-        stage=stage,
-        episodes=n,
-        reevaluate=lambda trees: evaluated(
-            parts.evaluator,
-            [nodes.get(text, text) for text in trees],
+    axes = plan.archive.axes(plan.classes)
+    individuals = [
+        Elite(
+            cell_of(e.outcome.counters, axes),
+            e.individual.id,
+            text,
             stage,
-            worlds_of_elites,
-            meanwhile=meanwhile,
-        ),
-        constraints=plan.constraints,
-    )
+            n,
+            e.fitness,
+            worlds[0 if plan.gp.shared_seed else i * n],
+        )
+        for i, (e, text) in enumerate(zip(population, texts, strict=True))
+    ]
+    first = dict(zip(reversed(texts), reversed(population), strict=True))  # of equal trees
+    broken = {text for text, e in first.items() if e.violation}
+
+    def reevaluate(trees: Sequence[str]) -> list[float | None]:
+        asked = [nodes.get(text, text) for text in trees]
+        results = evaluated(parts.evaluator, asked, stage, worlds_of_elites, meanwhile=meanwhile)
+        return [
+            None
+            if mean_violation(outcomes, plan.constraints)
+            else total(o.fitness for o in outcomes) / len(outcomes)
+            for outcomes in results
+        ]
+
+    return update_archive(before, individuals, broken, axes, plan.archive, reevaluate)

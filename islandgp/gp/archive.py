@@ -10,7 +10,7 @@ forever (Flageat and Cully 2020, arXiv 2003.13530).
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import prod
@@ -18,11 +18,9 @@ from typing import Annotated, Final
 
 from pydantic import BaseModel, Field, FiniteFloat, field_validator
 
-from islandgp.domain import Outcome, Schema, total
+from islandgp.domain import Schema, total
 from islandgp.domain.rewards import unknown
-from islandgp.gp.population import Evaluated
 from islandgp.scoring.classes import Classes
-from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, mean_violation
 
 EDGES: Final = (0.0, 1.0, 2.0, 4.0, 8.0, 16.0)  # of a counter where none are configured
 MAX_AXES: Final = 4  # a map with more axes is hard to read
@@ -100,9 +98,9 @@ class ArchiveUpdate:
     episodes: int  # of the re-evaluations of challengers and elites
 
 
-Reevaluate = Callable[[Sequence[str]], Sequence[Sequence[Outcome]]]
-"""Evaluates trees (canonical text) in the same `reevaluations` worlds; returns an entry per tree,
-with an outcome per world."""
+Reevaluate = Callable[[Sequence[str]], Sequence[float | None]]
+"""Evaluates trees (canonical text) in the same `reevaluations` worlds; returns the mean fitness of
+each, None for one that violates a constraint."""
 
 
 def cell_of(counters: Mapping[str, float], axes: Mapping[str, Sequence[float]]) -> tuple[int, ...]:
@@ -130,16 +128,11 @@ def archive_record(
 
 def update_archive(
     before: Sequence[Elite],
-    evaluated: Sequence[Evaluated],
-    texts: Sequence[str],
-    worlds: Sequence[int],
+    individuals: Sequence[Elite],
+    broken: Collection[str],
+    axes: Mapping[str, Sequence[float]],
     settings: ArchiveSettings,
-    classes: Classes,
-    *,
-    stage: int,
-    episodes: int,
     reevaluate: Reevaluate,
-    constraints: Constraints = NO_CONSTRAINTS,
 ) -> ArchiveUpdate:
     """The archive after a generation.
 
@@ -151,42 +144,34 @@ def update_archive(
 
     Args:
         before: the elites after the previous generation.
-        evaluated: this generation's individuals.
-        texts: their canonical texts.
-        worlds: seed of the first world of each.
-        settings: the grid, and the number of re-evaluations.
-        classes: the behaviours, whose counters are the axes by default.
-        stage: index of this generation's stage.
-        episodes: of each individual.
+        individuals: this generation's, each as the elite that it would be, in slot order.
+        broken: the trees of this generation that violate a constraint.
+        axes: the grid's edges by counter.
+        settings: the floor, and the number of re-evaluations.
         reevaluate: called at most once, and not if `settings.reevaluations` is 0.
-        constraints: that elites keep.
 
     Returns:
         The elites, the generation's record, and the number of re-evaluation episodes.
     """
-    axes = settings.axes(classes)
     elites = {e.cell: e for e in before}
     cell_of_elite = {e.tree: e.cell for e in before}
     challengers: dict[tuple[int, ...], Elite] = {}
-    texts_so_far: set[str] = set()
-    for e, text, world in zip(evaluated, texts, worlds, strict=True):
-        if text in texts_so_far:  # a duplicate, mostly evaluated in the same world
+    trees: set[str] = set()
+    for new in individuals:
+        if new.tree in trees:  # a duplicate, mostly evaluated in the same world
             continue
-        texts_so_far.add(text)
-        if (cell := cell_of_elite.get(text)) is not None:
+        trees.add(new.tree)
+        cell = cell_of_elite.get(new.tree)
+        if new.tree in broken:
+            if cell is not None:
+                del elites[cell]
+        elif cell is not None:
             elite = elites[cell]
-            if e.violation:
-                elites.pop(cell)
-            elif (elite.world, elite.stage) != (world, stage):  # else the same episodes again
-                elites[cell] = replace(_updated(elite, episodes, e.fitness, stage), world=world)
-            continue
-        if e.violation:
-            continue
-        cell = cell_of(e.outcome.counters, axes)
-        if cell not in challengers or e.fitness > challengers[cell].mean:
-            challengers[cell] = Elite(
-                cell, e.individual.id, text, stage, episodes, e.fitness, world
-            )
+            if (elite.world, elite.stage) != (new.world, new.stage):  # else the same episodes again
+                mean = _updated(elite, new.episodes, new.mean, new.stage)
+                elites[cell] = replace(mean, world=new.world)
+        elif new.cell not in challengers or new.mean > challengers[new.cell].mean:
+            challengers[new.cell] = new
     filled = [cell for cell in challengers if cell not in elites]
     rivals = [
         (elites[cell], challenger)
@@ -197,7 +182,7 @@ def update_archive(
     improved = 0
     for elite, _ in rivals:
         del elites[elite.cell]
-    for old, new in _reevaluated(rivals, settings.reevaluations, reevaluate, constraints, stage):
+    for old, new in _reevaluated(rivals, settings.reevaluations, reevaluate):
         wins = new is not None and (old is None or _beats(new, old))
         improved += wins
         if (winner := new if wins else old) is not None:
@@ -208,23 +193,17 @@ def update_archive(
 
 
 def _reevaluated(
-    rivals: Sequence[tuple[Elite, Elite]],
-    n: int,
-    reevaluate: Reevaluate,
-    constraints: Constraints,
-    stage: int,
+    rivals: Sequence[tuple[Elite, Elite]], n: int, reevaluate: Reevaluate
 ) -> Iterator[tuple[Elite | None, Elite | None]]:
     """Elites and challengers after `n` more episodes; None for one that violates a constraint."""
     if not n or not rivals:
         yield from rivals
         return
     before = [elite for pair in rivals for elite in pair]
-    outcomes = reevaluate([elite.tree for elite in before])
+    stage = before[1].stage  # of this generation
     after = [
-        _updated(elite, len(results), total(o.fitness for o in results) / len(results), stage)
-        if not mean_violation(results, constraints)
-        else None
-        for elite, results in zip(before, outcomes, strict=True)
+        None if mean is None else _updated(elite, n, mean, stage)
+        for elite, mean in zip(before, reevaluate([e.tree for e in before]), strict=True)
     ]
     yield from zip(after[::2], after[1::2], strict=True)
 

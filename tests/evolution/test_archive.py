@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, replace
+from statistics import fmean
 from typing import Any
 
 import pytest
@@ -59,19 +60,21 @@ def after(
     reevaluate: Any = no_reevaluation,
 ) -> ArchiveUpdate:
     """The archive after a generation of one episode in one world."""
-    texts = [f"{e.individual.tree.args[0]}\n" for e in individuals]
-    worlds = [world] * len(individuals)
-    return update_archive(
-        before,
-        individuals,
-        texts,
-        worlds,
-        settings,
-        CLASSES,
-        stage=stage,
-        episodes=1,
-        reevaluate=reevaluate,
-    )
+    axes = settings.axes(CLASSES)
+    elites = [
+        Elite(
+            cell_of(e.outcome.counters, axes),
+            e.individual.id,
+            f"{e.individual.tree.args[0]}\n",
+            stage,
+            1,
+            e.fitness,
+            world,
+        )
+        for e in individuals
+    ]
+    means = lambda trees: [fmean(o.fitness for o in row) for row in reevaluate(trees)]  # noqa: E731 -- of this test
+    return update_archive(before, elites, (), axes, settings, means)
 
 
 @pytest.mark.parametrize(
