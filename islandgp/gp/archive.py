@@ -182,10 +182,10 @@ def update_archive(
     improved = 0
     for elite, _ in rivals:
         del elites[elite.cell]
-    for old, new in _reevaluated(rivals, settings.reevaluations, reevaluate):
-        wins = new is not None and (old is None or _beats(new, old))
+    for old, rival in _reevaluated(rivals, settings.reevaluations, reevaluate):
+        wins = rival is not None and (old is None or _beats(rival, old))
         improved += wins
-        if (winner := new if wins else old) is not None:
+        if (winner := rival if wins else old) is not None:
             elites[winner.cell] = winner
     after = tuple(elites[cell] for cell in sorted(elites))
     record = archive_record(after, axes, floor=settings.floor, new=len(filled), improved=improved)
