@@ -99,12 +99,12 @@ def _report(result: PruneResult) -> None:
     if result.earns_nothing:
         console.print("The tree earns 0 points in every world, so there is nothing to compare.")
         return
-    columns = [
-        Column("nodes", [str(size(step.tree)) for step in result.steps]),
-        Column("points", ["", *_signed([step.difference for step in result.steps[1:]])]),
-        Column("change", ["simplified", *(step.change for step in result.steps[1:])], left=True),
-    ]
-    print_table(console, columns)
+    points = ["", *_signed([step.difference for step in result.steps[1:]])]
+    wide = max(map(len, ("points", *points)))
+    console.print(f"nodes  {'points':>{wide}}  change")
+    for step, earned in zip(result.steps, points, strict=True):
+        change = step.change or "simplified"
+        console.print(f"{size(step.tree):5}  {earned:>{wide}}  {change}", soft_wrap=True)
     if result.front:
         console.print("\nShorter trees in fresh worlds; differences are to the original:")
         intervals = [interval(tried.differences) for tried in result.front]
