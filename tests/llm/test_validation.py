@@ -378,6 +378,6 @@ def test_an_answer_that_was_all_thought_can_be_repaired() -> None:
 @pytest.mark.parametrize("text", ['{"a": 1, ' * 11_000, '{"a":"' * 16_000, "{" * MAX_ANSWER])
 def test_no_text_takes_long_to_read(text: str) -> None:
     """However many brackets there are."""
-    began = time.monotonic()
+    began = time.process_time()
     decide(reply_of(text))
-    assert time.monotonic() - began < 2
+    assert time.process_time() - began < 2
