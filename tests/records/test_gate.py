@@ -30,7 +30,10 @@ from islandgp.supervision.llm.message import Reply, Request, Usage
 from islandgp.supervision.llm.transcript import Attempt, Call, Conclusion, Start, Transcript
 from tests.composed import plain
 from tests.records.configured import naming
+from tests.tracking.conftest import template
 from tests.tracking.folders import closed_run
+
+__all__ = ["template"]
 
 EVIL: Final = "from pathlib import Path\nPath('it ran').touch()\nclass Domain: ...\n"
 ESCAPE: Final = "\x1b]0;title\x07\x1b[31mred"
@@ -63,9 +66,10 @@ KEYS: Final = {
 
 
 @pytest.fixture(scope="module")
-def original(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A working folder with a finished run and one that was stopped, of one sweep."""
+def original(tmp_path_factory: pytest.TempPathFactory, request: pytest.FixtureRequest) -> Path:
+    """A working folder with a finished run and one that was stopped, of one sweep, and a store."""
     home = tmp_path_factory.mktemp("made")
+    shutil.copy(request.getfixturevalue("template"), home / "mlflow.db")
     closed_run(home / "runs/s/one", home)
     closed_run(home / "runs/s/two", home, 3)
     entry = {"supervisor": "baseline", "seed": 1, "choices": [], "generations": 5, "command": "c"}
