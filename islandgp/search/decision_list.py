@@ -55,6 +55,7 @@ MAX_MOVES: Final = 8  # most actions of a list; an action with arguments counts 
 MAX_KEYS: Final = 40  # most keys of a guard
 DIGITS: Final = (3, 2)  # of numbers, before and after pruning
 MAX_ORDERS: Final = 50_000  # orders of the actions that are drawn from
+OFFSET: Final = 0.1  # of a guard, in the units of its scaled sum: most values are near the middle
 RECENT: Final = 3  # generations by which skeletons are compared
 
 
@@ -87,7 +88,7 @@ class Lists:
     """The trees of a vocabulary, from an order of the actions and a vector of numbers.
 
     The vector has, guard by guard, a weight for each key and an offset; keys are scaled to
-    [-1, 1]. A guard holds if its sum is above its offset.
+    [-1, 1]. A guard holds if its sum is above OFFSET times its offset.
     """
 
     def __init__(self, vocabulary: Vocabulary, order: Order) -> None:
@@ -119,7 +120,7 @@ class Lists:
         raw = np.array(weights) / self.half
         largest = int(np.argmax(abs(raw)))
         scale = raw[largest] or 1.0
-        number = (offset + float(raw @ self.middle)) / scale
+        number = (OFFSET * offset + float(raw @ self.middle)) / scale
         total: Term = ""
         for key, weight, scaled in zip(self.keys, raw / scale, weights, strict=True):
             if abs(scaled) < 0.005 * max(map(abs, weights)) and key != self.keys[largest]:

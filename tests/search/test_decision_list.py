@@ -39,7 +39,7 @@ def lists() -> Lists:
 
 def test_a_list_is_in_canonical_form() -> None:
     """Keys are scaled to [-1, 1]; of a guard the largest weight is 1, in the vocabulary's order."""
-    numbers = np.array([0.5, 2.0, -0.1, 0.5, -1.0, 0.0, 0.001, 0.25])
+    numbers = np.array([0.5, 2.0, -0.1, 5.0, -1.0, 0.0, 0.001, 2.5])
     assert to_text(lists().tree(numbers, 2)) == (
         "selector {\n"
         "  when height + 0.4 * climb - 0.2 * angle > 2 { Left }\n"
@@ -58,7 +58,7 @@ def test_a_tree_does_what_the_numbers_say() -> None:
         scaled = np.array([board[0] - 1, board[1] / 10, board[3]])
         assert first.guard is not None
         holds = condition(first.guard.condition, board.tolist(), VOCABULARY.key_index)()
-        assert holds == (numbers[:3] @ scaled > numbers[3])
+        assert holds == (numbers[:3] @ scaled > 0.1 * numbers[3])
 
 
 def test_orders_and_groups() -> None:
