@@ -1,9 +1,8 @@
-"""`islandgp play`: runs trees in many worlds, or shows one episode in the terminal."""
+"""`islandgp play`: runs trees in many worlds."""
 
 from __future__ import annotations
 
 import json
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing
 from dataclasses import asdict
@@ -16,8 +15,8 @@ import click
 from islandgp.bt.core.language import to_text
 from islandgp.bt.core.node import Node
 from islandgp.commands.files import FILE, display_name, read_tree_text
-from islandgp.commands.options import EpisodeOptions, NumberRange, with_episode_options
-from islandgp.commands.setting import recorded, stage_index, tree_in_domain
+from islandgp.commands.options import EpisodeOptions, with_episode_options
+from islandgp.commands.setting import stage_index, tree_in_domain
 from islandgp.commands.tables import Column, numbers, print_table, standard_output
 from islandgp.domain import Counter, Outcome, Schema
 from islandgp.errors import EvaluationError
@@ -37,22 +36,11 @@ ENDS: Final = ("", "_low", "_high")  # suffixes of the names of an estimate and 
 @click.command()
 @click.argument("files", type=FILE, nargs=-1, required=True)
 @click.option("--seeds", type=click.IntRange(1, 100_000), default=30, help="Number of worlds.")
-@click.option("--watch", is_flag=True, help="Follow one episode in the terminal.")
-@click.option("--seed", type=click.IntRange(0), default=0, help="World of --watch.")
-@click.option(
-    "--speed",
-    type=NumberRange(min=0),
-    default=10.0,
-    help="Speed of --watch, as a factor; 0: without waiting.",
-)
 @click.option("--json", "as_json", is_flag=True, help="Print the outcomes as JSON.")
 @with_episode_options
 def command(
     files: tuple[str, ...],
     seeds: int,
-    watch: bool,
-    seed: int,
-    speed: float,
     as_json: bool,
     episode: EpisodeOptions,
 ) -> None:
@@ -64,14 +52,6 @@ def command(
     configuration perturbs worlds (--set 'perturb=...'), the fitness in the perturbed
     worlds is printed as well.
     """
-    if watch:
-        if len(files) > 1:
-            raise click.UsageError(f"expected one FILE for --watch, found {len(files)}")
-        from islandgp.viewer.watch import watch as show
-
-        recording = recorded(files[0], seed, episode)
-        show(recording, speed=speed or 10.0, pause=time.sleep if speed else lambda _: None)
-        return
     tree, settings, problem = tree_in_domain(files[0], episode.options)
     settings, stage = _limited(settings, episode.timeout), stage_index(settings, episode.stage)
     schema = problem.domain.schema

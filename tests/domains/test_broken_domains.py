@@ -415,7 +415,7 @@ def test_what_a_domain_prints_is_reported_once(example: Path, islandgp: Cli) -> 
 
 @sweep(
     "arguments",
-    [("play",), ("play", "--seeds", "2"), ("play", "--watch"), ("trace",), ("replay",)],
+    [("play",), ("play", "--seeds", "2"), ("trace",), ("replay",)],
     quick=2,
 )
 def test_commands_are_bounded(example: Path, islandgp: Cli, arguments: tuple[str, ...]) -> None:

@@ -98,7 +98,7 @@ def test_tab_completion() -> None:
     ]
     assert [item.type for item in complete.get_completions(["check"], "")] == ["file"]
     options = [item.value for item in complete.get_completions(["play"], "--")]
-    assert {"--seeds", "--watch", "--stage", "--set"} <= set(options)
+    assert {"--seeds", "--stage", "--set"} <= set(options)
 
 
 def commands(text: str) -> list[str]:

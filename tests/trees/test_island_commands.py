@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import itertools
 import json
-import re
 from math import inf, sqrt
 from pathlib import Path
 from statistics import fmean, stdev
 
 import pytest
-from rich.console import Console
 
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import size
@@ -18,9 +16,8 @@ from islandgp.commands.tables import GAP, Column, numbers, parts
 from islandgp.resources import resource
 from islandgp.viewer.recording import IDLE, record
 from islandgp.viewer.trace import ELLIPSIS, action_spans, courses, drawn, merged, timeline
-from islandgp.viewer.watch import frame, lines, watch
 from tests.trees.shell import Cli
-from tests.viewer.episodes import going, island, small
+from tests.viewer.episodes import island, small
 
 EXAMPLES = resource("grammar") / "examples"
 GOOD = EXAMPLES / "all_rounder.bt"
@@ -104,43 +101,6 @@ def test_wrong_tree(islandgp: Cli) -> None:
     result = islandgp("play", "-", stdin="selector { PatrolWaypont }")
     assert result.code == 2
     assert "Did you mean PatrolWaypoint?" in result.err
-
-
-def test_watch_without_a_terminal(islandgp: Cli) -> None:
-    """Without a terminal, a line every ten seconds shows the episode."""
-    result = islandgp("play", GOOD, "--watch", *SHORT)
-    assert [line.split()[0] for line in result.out.splitlines()] == ["0.0", "10.0", "19.9"]
-
-
-def test_watch_on_a_terminal(monkeypatch: pytest.MonkeyPatch) -> None:
-    """On a terminal it shows frames up to the end, and waits between them."""
-    recording = record(parse(GOOD.read_text()), island(length=5), seed=0, stage=3)
-    monkeypatch.setattr("sys.stdout.isatty", lambda: True, raising=False)
-    waits: list[float] = []
-    watch(recording, speed=8.0, pause=waits.append)
-    assert waits == [1 / 8] * 6  # a frame a simulated second, and the last one
-    console = Console(width=130, height=60, record=True)
-    console.print(frame(recording, recording.ticks - 1))
-    text = console.export_text()
-    assert "R" in text
-    assert "selector" in text
-    assert f"{recording.outcome.fitness:,.0f} points" in text
-    assert list(lines(recording, every=10.0))[-1].split()[0] == "4.9"
-
-
-def test_watch_of_any_domain() -> None:
-    """The letters of the forms where they are; without a scene the tree and the numbers alone."""
-    console = Console(width=130, height=60, record=True)
-    console.print(frame(small(scenes=going()), 2))
-    text = console.export_text()
-    assert re.search(r"R .*\n", text)
-    assert text.count("o") > 2
-    assert "1.0 of 10 s, 0.75 points" in text
-    console.print(frame(small(), 19))
-    text = console.export_text()
-    assert "Go" in text
-    assert "9.5 of 10 s, 5.00 points" in text
-    assert "at (" not in "".join(lines(small(), every=1.0))
 
 
 def test_numbers_of_any_size_can_be_read() -> None:
@@ -325,7 +285,6 @@ def test_play_several(islandgp: Cli) -> None:
         str(GOOD),
         "<stdin>",
     ]
-    assert islandgp("play", GOOD, GOOD, "--watch", *SHORT).code == 2
 
 
 def test_one_world_has_no_interval(islandgp: Cli) -> None:
