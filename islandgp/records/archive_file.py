@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
 from islandgp.errors import RunError, brief
 from islandgp.gate import check_folder, read_bytes
-from islandgp.gp.archive import ArchiveRecord, Elite
+from islandgp.gp.archive import Elite
 from islandgp.plain import DECODE_ERRORS, from_json, read_json, without_controls
 from islandgp.records.manifest import must_be_as_written
 
@@ -28,19 +27,6 @@ class ArchiveFile:
     coverage: float  # in [0, 1]
     qd_score: float  # points
     elites: tuple[Elite, ...]  # by cell
-
-    @classmethod
-    def of(
-        cls,
-        domain: str,
-        cells: Mapping[str, Sequence[float]],
-        floor: float,
-        elites: Sequence[Elite],
-        record: ArchiveRecord,
-    ) -> ArchiveFile:
-        """The file content for the last archive of a run."""
-        edges = {name: tuple(values) for name, values in cells.items()}
-        return cls(domain, edges, floor, record.coverage, record.qd_score, tuple(elites))
 
     def to_bytes(self) -> bytes:
         """JSON, one elite per line."""

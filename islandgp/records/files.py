@@ -5,7 +5,6 @@ from __future__ import annotations
 import csv
 import json
 from collections.abc import Callable, Iterable, Mapping
-from contextlib import suppress
 from dataclasses import asdict, dataclass
 from io import StringIO
 from itertools import islice
@@ -153,35 +152,20 @@ def cost_lines(folder: Path) -> Lines:
     return Lines(folder / "costs.jsonl", "costs of generations", TimedCost)
 
 
-def mend_costs(costs: Lines, done: int, spent: int, warn: Callable[[str], None]) -> None:
-    """Keeps the costs of `done` generations; damaged or missing ones become 0 s.
-
-    Their episodes are a share of those that the others lack. `warn` is called if costs were lost.
-
-    Args:
-        costs: the file.
-        done: number of generations.
-        spent: their episodes, as in the checkpoint.
-        warn: called with one line.
-    """
-    rows: list[dict[str, Any] | None] = []
-    for i, line in enumerate(islice(costs.whole(), done)):
-        rows.append(None)
-        with suppress(RunError):
-            rows[i] = costs.value(line, i)
-    lost = rows.count(None) + done - len(rows)
-    if not lost:
-        costs.cut(done)
-        return
-    rest = max(0, spent - sum(cost["episodes"] for cost in rows if cost is not None))
-    shares = iter(rest // lost + (i < rest % lost) for i in range(lost))
-    at = int(1000 * time())
-    lines = (
-        cost or {**asdict(Cost(0.0, 0.0, 0.0, next(shares), 0)), "at": at}
-        for cost in (*rows, *[None] * (done - len(rows)))
-    )
-    write_atomic(costs.path, b"".join(dump(cost).encode() + b"\n" for cost in lines))
-    warn(f"{costs.path}: the seconds of {lost} generations are lost.")
+def mend_costs(costs: Lines, done: int, warn: Callable[[str], None]) -> None:
+    """Keeps the costs of `done` generations; damaged or missing ones become 0, with a warning."""
+    lines, lost = list(islice(costs.whole(), done)), max(0, done - sum(1 for _ in costs.whole()))
+    nothing = {**asdict(Cost(0.0, 0.0, 0.0, 0, 0)), "at": int(1000 * time())}
+    lines += [b""] * lost
+    for i, line in enumerate(lines):
+        try:
+            costs.value(line, i)
+        except RunError:
+            lost += bool(line)
+            lines[i] = dump(nothing).encode() + b"\n"
+    if lost:
+        warn(f"{costs.path}: the costs of {lost} generations are lost.")
+    write_atomic(costs.path, b"".join(lines))
 
 
 LINEAGE: Final = ("id", "origin", "parents", "mutation", "fitness", "specialist", "tiers")

@@ -218,7 +218,7 @@ class RunFolder:
             state = sound_state(checkpoints, self._generations, warn)
             done = state.generation if state else 0
             self._digest = hashlib.sha256(self._generations.cut(done))
-            files.mend_costs(self._costs, done, 0 if state is None else state.spent, warn)
+            files.mend_costs(self._costs, done, warn)
             if state is not None and state.champion is not None:
                 self._restore_best(state.champion.record.tree)
         return state

@@ -291,7 +291,9 @@ def _finish(
     """Writes the archive and the summary of a run at its end."""
     axes, floor = plan.archive.axes(plan.classes), plan.archive.floor
     counts = archive_record(last.archive, axes, floor=floor)
-    archive = ArchiveFile.of(plan.vocabulary.domain, axes, floor, last.archive, counts)
+    archive = ArchiveFile(
+        plan.vocabulary.domain, dict(axes), floor, counts.coverage, counts.qd_score, last.archive
+    )
     end = summary(
         totals,
         last.champion,

@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
-from errno import EACCES, EISDIR, ENOSPC
+from errno import ENOSPC
 from getpass import getuser
 from itertools import islice
 from pathlib import Path
@@ -142,22 +142,18 @@ def check_place(place: TrackingStore) -> None:
 
     A full disk is no error, as it may have space again at the end of the run.
     """
-    file = place.file
-    if file is None:
+    if (file := place.file) is None:
         return
     try:
-        if file.is_dir():
-            raise IsADirectoryError(EISDIR, os.strerror(EISDIR))
-        if file.exists() and not os.access(file, os.R_OK | os.W_OK):
-            raise PermissionError(EACCES, os.strerror(EACCES))
+        if file.exists():
+            file.open("r+b").close()
         must_take_files(file.parent)
     except OSError as error:
-        if error.errno == ENOSPC:
-            return
-        raise TrackingError(
-            f"tracking.policy.uri: expected a SQLite file that can be written, found {file}:"
-            f" {error.strerror or error}; choose another, or tracking=off"
-        ) from None
+        if error.errno != ENOSPC:
+            raise TrackingError(
+                f"tracking.policy.uri: expected a SQLite file that can be written, found {file}:"
+                f" {error.strerror or error}; choose another, or tracking=off"
+            ) from None
 
 
 class Store:

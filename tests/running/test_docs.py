@@ -21,7 +21,6 @@ from islandgp.running.app import main
 from islandgp.running.progress import columns
 from islandgp.running.report import report
 from islandgp.tracking.artifacts import FILES
-from islandgp.tracking.upload import final_metrics
 from tests.running.commands import ROOT, finish, start
 from tests.samples import CLASSES
 from tests.tracking.folders import steps
@@ -165,7 +164,7 @@ def test_the_files_of_a_run_are_all_named() -> None:
 def test_every_section_of_charts_is_named() -> None:
     """The table of metrics has each section, and names metrics that exist."""
     records = [record_values(step.record) for step in steps()]
-    names = {**metrics(records[0], COST), **dict(final_metrics(records))}
+    names = metrics(records[0], COST)
     table = TEXT.partition("| section of charts |")[2].partition("\n\n")[0]
     rows = re.findall(r"^\| (`.*?`) \| (.*) \|$", table, re.MULTILINE)
     named = {name for cell, _ in rows for name in re.findall(r"`(\w+)`", cell)}

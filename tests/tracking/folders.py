@@ -83,7 +83,8 @@ def archive(last: Step) -> ArchiveFile:
     plan = composed_plan(*SMALL)
     axes, floor = plan.archive.axes(plan.classes), plan.archive.floor
     counts = archive_record(last.archive, axes, floor=floor)
-    return ArchiveFile.of(plan.vocabulary.domain, axes, floor, last.archive, counts)
+    figures = counts.coverage, counts.qd_score
+    return ArchiveFile(plan.vocabulary.domain, dict(axes), floor, *figures, last.archive)
 
 
 def finished(

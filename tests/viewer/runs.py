@@ -73,7 +73,9 @@ def closed_run(
         best = best_of(champion, VALIDATION)
         axes = plan().archive.axes(CLASSES)
         record = archive_record(elites, axes, floor=0)
-        archive = ArchiveFile.of("island", axes, 0, elites, record)
+        archive = ArchiveFile(
+            "island", dict(axes), 0, record.coverage, record.qd_score, tuple(elites)
+        )
         folder.finish(summary(totals_of(folder), champion, best, CLASSES.milestones), archive)
     folder.close()
     return folder
