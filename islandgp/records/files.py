@@ -119,23 +119,6 @@ PAGE: Final = "run.html"
 LONG: Final = "best_long.bt"
 """The best robot's tree before it was shortened."""
 
-RUN_FILES: Final = (
-    "about.json",
-    "config.yaml",
-    "generations.jsonl",
-    "costs.jsonl",
-    "checkpoint.json",
-    "best.bt",
-    LONG,
-    "archive.json",
-    "lineage.csv",
-    PAGE,
-    "summary.json",
-    "manifest.json",
-    "error.txt",
-)
-"""Files that only the process with the folder's lock writes."""
-
 
 def pretty(value: dict[str, Any]) -> bytes:
     """Indented JSON with a final line break."""

@@ -97,8 +97,7 @@ class RunFolder:
                 " work there; wait for it, or give this one another name=..."
             )
             take(self._lock, self.path, busy)
-            for name in files.RUN_FILES:
-                remove_leftovers(self.path, f"{name}.*")
+            remove_leftovers(self.path)
             if self.finished():
                 return
             (self.path / manifest.NAME).unlink(missing_ok=True)  # of an interrupted end

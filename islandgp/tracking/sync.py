@@ -18,9 +18,8 @@ from islandgp.gate import cleaned
 from islandgp.records.folder import RunFolder, Status, run_folders
 from islandgp.records.parameters import without_credentials
 from islandgp.sweep.folder import SweepFolder
-from islandgp.tracking.parent import send_sweep
 from islandgp.tracking.store import MLflowSettings, Store, TrackingStore, configured_name
-from islandgp.tracking.upload import RunUploader
+from islandgp.tracking.upload import RunUploader, send_sweep
 
 FACTORY: Final = "islandgp.tracking.mlflow:MLflow"
 

@@ -13,9 +13,8 @@ from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import add_to_manifest
 from islandgp.sweep.folder import SweepFile, SweepFolder, SweepJob
 from islandgp.sweep.summary import arm_table, arms, power_line
-from islandgp.tracking.parent import parent_run, send_sweep
 from islandgp.tracking.store import Store, run_key
-from islandgp.tracking.upload import RunUploader
+from islandgp.tracking.upload import RunUploader, parent_run, send_sweep
 from tests.tracking.folders import begun, closed_run
 
 
