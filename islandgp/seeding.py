@@ -31,9 +31,9 @@ class Stream(IntEnum):
     TUNING = 14  # worlds in which thresholds are tuned, by slot; generation 1: the draws of CMA-ES
     SEARCH = 15  # a search's own draws, by generation and slot
     ARCHIVE = 16  # worlds in which elites are challenged, by generation and slot
-    EDIT = 17  # mutation of edited trees (supervisor.mutate_advice), by generation and slot
     PERTURBATION = 18  # of a world, by its seed; slot 0: its settings, 1: its sensors
     PRUNING = 19  # worlds in which the best robot is shortened, by slot; generation: the purpose
+    JUDGING = 20  # draws and worlds of `islandgp judge`, by population and slot; the seed is 0
     RESAMPLING = 100  # a comparison's bootstrap, by world; generation 1: a second sample; seed 0
 
 

@@ -45,10 +45,6 @@ def keys_read(settings: Settings) -> frozenset[str]:
         keys |= {"supervisor.name", "supervisor.factory"}
     if "rate" in settings.search.factory.uses:
         keys.add("gp.crisis")  # the run overrides the rate in a crisis
-    if "edits" in parts and on["edits"]:
-        keys.add("supervisor.mutate_advice")
-        if switches.mutate_advice:
-            keys |= {"gp.mutation", "gp.mutation_rate", "gp.trees", "gp.crisis"}
     if settings.gp.founders:
         keys.add("library")
     if "library" in keys and settings.library.folder is None:

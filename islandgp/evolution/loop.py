@@ -162,7 +162,6 @@ class _Loop:
                 answer,
                 state.advice.rate,
                 names=names,
-                streams=parts.streams,
             )
             following = RunState(
                 g + 1,

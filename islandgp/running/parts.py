@@ -68,7 +68,6 @@ def run_context(
         adapt_mutation=settings.supervisor.adapt_mutation and "rate" in uses,
         inject=settings.supervisor.inject and "tree" in uses,
         edits=settings.supervisor.edits if "edits" in uses else 0,
-        mutate_advice=settings.supervisor.mutate_advice,
         by_rate="rate" in uses,
         lag=settings.supervisor.lag,
         constraints=settings.constraints,

@@ -113,7 +113,7 @@ def mutated(
 ) -> Iterator[Individual]:
     """Line 15: mutation of the constructed population; elites if `gp.mutate_elites` (2.4.3).
 
-    Edited trees are not mutated here; see `supervisor.mutate_advice`.
+    Edited trees are evaluated unchanged.
     """
     for slot, i in enumerate(population):
         spared = () if plan.gp.mutate_elites else UNMUTATED

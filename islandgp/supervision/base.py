@@ -105,7 +105,6 @@ class RunContext:
     adapt_mutation: bool  # False: rates are not used and need not be computed
     inject: bool  # False: trees are not used and need not be computed
     edits: int = 0  # most edits per generation; further ones are rejected
-    mutate_advice: bool = False  # edited trees are mutated before their first evaluation
     by_rate: bool = True  # the search mutates by a rate
     lag: int = 0  # generations until guidance takes effect
     constraints: Constraints = field(default_factory=dict)  # of the individuals; {}: none

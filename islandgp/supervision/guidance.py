@@ -29,11 +29,10 @@ from islandgp.gp.edits import Edit, EditRecord, as_record, edited
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Advice, EditedTree
 from islandgp.gp.record import GuidanceRecord, IndividualRecord
-from islandgp.gp.variation import mutate
 from islandgp.plugin import path_of, plugin_errors
 from islandgp.scoring.state import PopulationState
 from islandgp.search.base import Search
-from islandgp.seeding import Stream, Streams, stream
+from islandgp.seeding import Stream, stream
 from islandgp.supervision.base import (
     GenerationListener,
     GenerationView,
@@ -228,7 +227,6 @@ def decide(
     rate: float,
     *,
     names: Nameable | None = None,
-    streams: Streams | None = None,
 ) -> tuple[GuidanceRecord, Advice]:
     """Makes the record of a supervisor's answer and the advice for the search.
 
@@ -241,7 +239,6 @@ def decide(
         answer: None if none is due yet (`supervisor.lag`).
         rate: the mutation rate in force, in [0, 1].
         names: the trees that edits may name; default: none.
-        streams: of the run; for `supervisor.mutate_advice` alone.
     """
     guidance = answer or Guidance(None, None, "none", reasoning="no answer is due yet")
     switches, refused = plan.switches, []
@@ -258,8 +255,6 @@ def decide(
         tree = None
     applied = plan.gp.crisis.rate(proposed, state.crisis)
     edits, trees = decide_edits(plan, search, guidance.edits[:MAX_EDITS], names or {})
-    if switches.mutate_advice and streams is not None:
-        trees = _mutated(plan, trees, streams, state.now.generation + 1, applied)
     record = GuidanceRecord(
         asked_at=None if answer is None else state.now.generation - switches.lag,
         wanted_rate=guidance.mutation_rate,
@@ -321,16 +316,3 @@ def _edited_tree(
     if tree in [other.tree for other in before]:
         raise ValueError("an edit before it makes the same tree")
     return EditedTree(tree, parents, f"edit:{edit.kind}")
-
-
-def _mutated(
-    plan: Plan, trees: Sequence[EditedTree], streams: Streams, generation: int, rate: float
-) -> tuple[EditedTree, ...]:
-    """The trees after mutation, each with probability `rate`."""
-    mutants = []
-    for slot, e in enumerate(trees):
-        rng = streams(Stream.EDIT, generation=generation, slot=slot)
-        tree, operator = mutate(rng, e.tree, rate=rate, space=plan.space, settings=plan.gp.mutation)
-        changes = f"{e.operator}+{operator}" if operator else e.operator
-        mutants.append(EditedTree(tree, e.parents, changes))
-    return tuple(mutants)

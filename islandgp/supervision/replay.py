@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import difflib
 import json
-from collections.abc import Sequence
 from pathlib import Path
 from typing import ClassVar
 
@@ -119,10 +118,6 @@ class RecordedCalls:
                 " recorded run, and its answers as they were."
             )
         return same[-1].answer
-
-    def room_for(self, requests: Sequence[Request], repairs: int) -> bool:  # noqa: ARG002 -- the protocol's
-        """See `Calls`; always False, as a replay sends nothing ahead."""
-        return False
 
 
 def difference(recorded: Request, now: Request) -> str:

@@ -65,9 +65,9 @@ def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
     """
     entries = _entries(jobs)
     if runs := supervised_runs(job.settings for job in jobs):
-        from islandgp.supervision.llm.estimate import upper_bound  # only with a language model
+        from islandgp.supervision.llm.estimate import costs  # only with a language model
 
-        echo(upper_bound(runs))
+        echo(costs(runs))
     interrupted = False
     with ExitStack() as stack:
         for sweep, by_folder in entries.items():

@@ -232,15 +232,6 @@ def test_a_parent_meets_the_worlds_of_its_edited_tree(overrides: tuple[str, ...]
             assert trial.parent_fitness == sum(points) / n
 
 
-def test_mutated_advice() -> None:
-    """With `supervisor.mutate_advice` edited trees are mutated first, and records show it."""
-    overrides = ("+supervisor.edits=2", "+supervisor.mutate_advice=true")
-    steps = run(plan(*overrides), Edits(rate=1.0))
-    mutations = [i.mutation for s in steps for i in s.record.individuals if i.origin == "edited"]
-    assert mutations
-    assert all(m.startswith("edit:") and "+" in m for m in mutations)
-
-
 @sweep("lag", [0, 2], quick=1)
 def test_resuming_with_edits(lag: int) -> None:
     """A run that goes on from any of its states has the same edits, trials and trees."""

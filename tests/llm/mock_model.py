@@ -132,7 +132,7 @@ def _tree(
 
 def _edits(system: str, user: str, rng: np.random.Generator) -> dict[str, Any]:
     """An edit that adds an example's first branch for the rarest behaviour to the first tree."""
-    section = system.partition("## Examples")[2].partition("\n## ")[0]
+    section = system.partition("## Examples")[2].partition("\n## ")[0] + user
     examples = [(names.split(", "), parse(text)) for names, text in _EXAMPLE.findall(section)]
     rarest = _URGENT.findall(user)
     fit = [tree for names, tree in examples if rarest and rarest[0] in names]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Mapping
 from contextlib import suppress
@@ -13,7 +12,7 @@ from typing import Any, get_args
 
 import pytest
 
-from islandgp.errors import ConfigError, SupervisionError
+from islandgp.errors import ConfigError
 from islandgp.supervision.llm.budget import Ledger, cost, dearest, known_usage, most_tokens
 from islandgp.supervision.llm.client import ServerClient
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage
@@ -467,41 +466,6 @@ def test_a_lost_request_counts_as_the_most_it_can_be(tmp_path: Path) -> None:
     ledger = Ledger(reread, price, caps)
     assert ledger.totals()["cost_usd_at_most"] == pytest.approx((700 + 5 * 2048) / 1e6)
     assert "input_tokens=700" in ledger.over(Usage(1, 0))
-
-
-@pytest.mark.parametrize("loss", ["deleted", "emptied", "cut", "older copy"])
-def test_a_transcript_that_lacks_requests_is_refused(tmp_path: Path, loss: str) -> None:
-    """The run's costs count more: with fewer the caps would silently begin again."""
-    llm, _ = supervisor(answering(), folder=tmp_path)
-    run_of(llm, 2)
-    file = tmp_path / "transcript.jsonl"
-    older = file.read_bytes()
-    advise(llm, state(2))
-    (tmp_path / "costs.jsonl").write_text(
-        json.dumps({"llm": {}}) + "\n" + json.dumps({"llm": llm.spent()}) + "\n", encoding="utf-8"
-    )
-    content = file.read_bytes()
-    changed = {"emptied": b"", "cut": content[: len(content) // 2], "older copy": older}
-    file.unlink()
-    if loss in changed:
-        file.write_bytes(changed[loss])
-    resumed, client = supervisor(answering(), folder=tmp_path)
-    with pytest.raises(SupervisionError, match=r"Expected the 7 requests .* start again at 0") as e:
-        resumed.start()
-    assert "Restore the transcript, or start the run again with resume=never" in str(e.value)
-    assert client.requests == []
-    file.write_bytes(content)
-    restored, client = supervisor(answering(), folder=tmp_path)
-    restored.start()
-    assert restored.spent() == llm.spent()
-
-
-@pytest.mark.parametrize("costs", [b"", b"{}\n", b"not json\n", b'{"llm": {"requests": []}}\n'])
-def test_costs_that_count_nothing_expect_nothing(tmp_path: Path, costs: bytes) -> None:
-    """A run that has no generation yet, or was another supervisor's."""
-    (tmp_path / "costs.jsonl").write_bytes(costs)
-    llm, _ = supervisor(answering(), folder=tmp_path)
-    assert "structured output" in llm.start()
 
 
 def test_a_server_that_counts_nothing_does_not_escape_the_caps() -> None:

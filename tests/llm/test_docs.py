@@ -63,6 +63,8 @@ def test_no_command_is_left_out() -> None:
         "python -m islandgp ",
         "islandgp estimate",
         "islandgp transcript",
+        "islandgp judge",
+        "islandgp compare",
         "python -m tests.llm.demo",
         "export",
     )

@@ -22,7 +22,7 @@ from islandgp.supervision.llm.estimate import (
     ANSWER,
     THOUGHTS,
     SupervisedRuns,
-    upper_bound,
+    costs,
 )
 from islandgp.supervision.llm.prompts import PROMPT_SETS
 from islandgp.supervision.llm.settings import LLMSettings
@@ -62,9 +62,9 @@ def test_answers_that_would_come_too_late_cost_nothing() -> None:
     assert expected(settings(), context(), 5).requests == 2 * (40 - 5) + 1
     assert at_most(settings(), context(), 5).requests == 3 * 2 * 2 * (40 - 5) + 18
     text = output_of("search=paper", "supervisor=llm", "supervisor.lag=5")
-    assert [line.split()[2] for line in text.splitlines() if "a run " in line] == ["71", "438"]
+    assert re.findall(r"([\d,]+) requests", text) == ["71", "438"]
     racing = output_of("search=racing", "supervisor=llm", "supervisor.lag=5")  # asks for no rate
-    assert [line.split()[2] for line in racing.splitlines() if "a run " in line] == ["36", "228"]
+    assert re.findall(r"([\d,]+) requests", racing) == ["36", "228"]
     assert expected(settings(), context(), 99).requests == 1
 
 
@@ -114,24 +114,25 @@ def test_the_command_estimates_a_sweep() -> None:
     """Five runs cost five times one; nothing is sent, no key is needed."""
     text = output_of("supervisor=llm", "seed=range(5)", "-m")
     assert "claude-haiku-4-5-20251001" in text
-    rows = {line.split("  ")[1]: line.split()[-1] for line in text.splitlines() if "run" in line}
-    one, all_five = float(rows["a run, mean"]), float(rows["all 5 runs"])
-    assert math.isclose(all_five, 5 * one, rel_tol=0.02)
+    one, five = (
+        float(re.findall(r"([\d.,]+) US dollars", each)[0])
+        for each in (output_of("supervisor=llm"), text)
+    )
+    assert math.isclose(five, 5 * one, rel_tol=0.1)
 
 
 def test_the_command_counts_runs_without_a_model() -> None:
     """Free arms of a sweep are counted apart."""
     assert output_of("supervisor=expert").startswith("Nothing: none of the 1 runs")
     text = output_of("supervisor=llm,expert", "seed=range(2)", "-m")
-    assert "all 2 runs" in text
+    assert " in 2 runs, at most " in text
     assert "2 other runs ask no language model." in text
 
 
 def test_the_command_knows_unknown_prices() -> None:
     """Tokens are printed nevertheless."""
     text = output_of("supervisor=llm", "supervisor.policy.model=local")
-    assert "unknown" in text
-    assert "supervisor.policy.prices.models" in text
+    assert "an unknown price" in text
 
 
 def test_the_estimate_is_near_what_was_measured() -> None:
@@ -157,9 +158,6 @@ def test_thoughts_are_expected_of_a_model_that_thinks() -> None:
     assert thinking.output - plain.output == 80 * THOUGHTS
     budget = "extra_body={thinking: {type: enabled, budget_tokens: 1024}}"
     assert expected(settings(budget), context()).output == 80 * (ANSWER + 1024)
-    assert f"{THOUGHTS} of thought" in output_of(
-        "supervisor=llm", "supervisor.policy.model=current-small"
-    )
 
 
 def test_a_cached_prompt_is_written_once_and_read_then() -> None:
@@ -176,10 +174,10 @@ def test_the_upper_bound_of_a_sweep() -> None:
     """It is printed before a sweep starts; a run's caps limit each run."""
     capped = settings("caps.requests=7", "caps.usd=0.5")
     runs = [SupervisedRuns(capped, context(), 0, 3), run(capped, context())]
-    line = upper_bound(runs)
-    assert line.startswith("The language model: at most 28 requests, ")
-    assert ", 2.00 US dollars in 4 runs;" in line
-    assert ", an unknown price in 1 run;" in upper_bound([run(settings("model=mine"), context())])
+    line = costs(runs)
+    assert " in 4 runs, at most 28 requests, " in line
+    assert ", 2.00 US dollars; supervisor.policy.caps" in line
+    assert ", an unknown price;" in costs([run(settings("model=mine"), context())])
 
 
 def test_an_unknown_option_is_one_line() -> None:

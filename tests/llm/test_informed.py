@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
@@ -23,7 +22,7 @@ from islandgp.records.folder import RunFolder
 from islandgp.running.parts import make_supervisor, run_context
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, Guidance, RunContext, Supervisor
-from islandgp.supervision.llm.episode import SPANS, Stretch, describe_episode, spans
+from islandgp.supervision.llm.episode import describe_episode
 from islandgp.supervision.llm.history import RunHistory, best_rank, most_lacking
 from islandgp.supervision.llm.prompts import Prompt, render
 from islandgp.supervision.llm.questions import Questions
@@ -225,23 +224,6 @@ def test_the_most_lacking_shows_the_fewest_behaviours() -> None:
         replace(one, id="c", fitness=2, counters=nothing),
     ]
     assert most_lacking(people, CLASSES).id == "c"
-
-
-def test_spans_are_cut_where_the_actions_change() -> None:
-    """Two halves are two spans; one action is one; there are never more than SPANS."""
-    a, b = frozenset("a"), frozenset("b")
-    halves = [a] * 300 + [b] * 300
-    assert spans(halves) == [
-        Stretch(0, 300, Counter({"a": 300})),
-        Stretch(300, 600, Counter({"b": 300})),
-    ]
-    assert spans([a] * 7) == [Stretch(0, 7, Counter({"a": 7}))]
-    assert spans([]) == []
-    statuses = [frozenset({f"{i // 10}"}) for i in range(600)]
-    assert len(spans(statuses)) == SPANS
-    assert sum(spans(statuses)[1:], spans(statuses)[0]).actions == Counter(
-        f"{i // 10}" for i in range(600)
-    )
 
 
 @pytest.mark.parametrize("text", ["{{#a}}x", "x{{/a}}", "{{#a}}{{#b}}{{/b}}{{/a}}"])

@@ -126,31 +126,6 @@ def test_the_same_command_works_once_the_server_is_there(
 
 
 @pytest.mark.slow
-def test_a_run_whose_transcript_is_gone_does_not_go_on(
-    cwd: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Its ledger would begin again; with the file back, or with resume=never, it goes on."""
-    faults = [Fault.OVERLOADED]
-    with MessagesServer(lambda n: faults[0] if n > 2 and faults else None) as server:
-        url = f"supervisor.policy.base_url={server.url}"
-        overrides = [*SMALL, url, "supervisor.policy.on_outage=stop"]
-        assert main(overrides) == 2
-        (file,) = cwd.rglob("transcript.jsonl")
-        moved = file.rename(cwd / "kept.jsonl")
-        faults.clear()
-        count = len(server.requests)
-        capsys.readouterr()
-        assert main(overrides) == 2
-        (line,) = capsys.readouterr().err.splitlines()
-        assert "requests that the run's costs.jsonl counts in" in line
-        assert len(server.requests) == count
-        assert not file.exists()
-        moved.rename(file)
-        assert main(overrides) == 0
-    assert run_json(cwd, "summary.json")["answers"] == {"total": 3, "fallback": 0, "in_part": 0}
-
-
-@pytest.mark.slow
 def test_a_replay_of_an_edited_reply_stops(cwd: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """Also where nothing follows from the reply any more: it is not the model's."""
     with MessagesServer() as server:

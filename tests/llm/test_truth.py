@@ -98,7 +98,7 @@ def _claims(run: Settings, has: RunContext, part: str, system: str, user: str) -
     counters = {m for t in run.classes.tiers.values() for m in (*t.at_least, *t.above, *t.at_most)}
     return {
         "no mutation rate": by_rate or not {"mutation_rate", "crossover_rate", "crisis"} & words,
-        "mutated": by_rate or "mutated" not in text or "after mutation" in text,
+        "mutated": by_rate or "mutated" not in text,
         "worlds change": "Every generation has new worlds" in text,
         "one world for all": ("same world" in text) is run.gp.shared_seed,
         "worlds for each": ("for each individual" in text) is not run.gp.shared_seed,

@@ -14,7 +14,7 @@ The kinds of nodes with their arguments come from `KINDS`, as those of `grammar/
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from typing import Any, Final
@@ -30,6 +30,7 @@ FORMATS: Final = ("lark", "gbnf")
 MAX_WORDS: Final = 100  # most characters of an explanation
 MAX_CHILDREN_NESTED: Final = 4  # most terms beside each other where brackets are allowed
 COARSE: Final = 10  # in JSON, thresholds of wider ranges are whole numbers
+_WORDS: Final = f"[A-Z][a-z ,]{{10,{MAX_WORDS}}}[.]"
 _DIGITS: Final = "[0-9]{0,24}"  # more decimals than numbers of trees have
 _ZEROS: Final = "[0]{0,3}"
 _ANY_NUMBER: Final = f"[-]?([0]|[1-9][0-9]{{0,5}})([.][0-9]{_DIGITS})?"
@@ -99,7 +100,7 @@ def answer_grammar(schema: Mapping[str, Any], tree: Grammar, rates: tuple[float,
         rates: lowest and highest number of the field `mutation_rate`.
     """
     rules: dict[str, tuple[Parts, ...]] = {"answer": ()}
-    patterns = {**tree.patterns, "WORDS": f"[A-Z][a-z ,]{{10,{MAX_WORDS}}}[.]"}
+    patterns = {**tree.patterns, "WORDS": _WORDS}
     patterns["RATE"] = between(*rates).replace(_DIGITS, "[0-9]{0,1}")
     rules["flag"], rules["text"] = (('"true"',), ('"false"',)), ((*_QUOTE, "WORDS", *_QUOTE),)
     rules["tree"] = ((*_QUOTE, next(iter(tree.rules)), *_QUOTE),)
@@ -116,6 +117,32 @@ def answer_grammar(schema: Mapping[str, Any], tree: Grammar, rates: tuple[float,
     rules["answer"] = ((*parts, '"}"'),)
     used = rules if "tree" in parts else {n: r for n, r in rules.items() if n != "tree"}
     return Grammar({**used, **(tree.rules if "tree" in parts else {})}, patterns)
+
+
+def edit_grammar(tree: Grammar, places: Mapping[str, Sequence[str]]) -> Grammar:
+    """The grammar of a model's JSON answer with one edit that adds or replaces a branch.
+
+    Args:
+        tree: grammar of the branch, for a JSON string.
+        places: paths in the tree of each individual, by its id.
+    """
+    head, tail = _literal('{"reasoning": '), _literal("}]}")
+    answer = (
+        *(head, "text", _literal(', "edits": [{"kind": '), "kind", _literal(', "of": '), "place"),
+        *(_literal(', "branch": '), *_QUOTE, next(iter(tree.rules)), *_QUOTE),
+        *(_literal(', "reason": '), "text", tail),
+    )
+    rules: dict[str, tuple[Parts, ...]] = {
+        "answer": (answer,),
+        "text": ((*_QUOTE, "WORDS", *_QUOTE),),
+        "kind": ((_literal('"front"'),), (_literal('"replace"'),)),
+        "place": tuple(
+            (_literal(f'"{name}", "at": "{path}"'),)
+            for name, paths in places.items()
+            for path in paths
+        ),
+    }
+    return Grammar({**rules, **tree.rules}, {**tree.patterns, "WORDS": _WORDS})
 
 
 _QUOTE: Final = ('"\\""',)

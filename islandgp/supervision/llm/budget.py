@@ -10,19 +10,31 @@ Prices and other properties of models are in the dated table of `conf/prices`.
 from __future__ import annotations
 
 import json
+import time
 from collections import Counter
-from contextlib import suppress
+from collections.abc import Callable
 from dataclasses import asdict, astuple, dataclass
+from getpass import getuser
 from math import inf, isnan, nan
 from operator import add
 from pathlib import Path
 from typing import Final
 
-from islandgp.plain import DECODE_ERRORS, read_json
-from islandgp.supervision.llm.message import CHARGED, UNSENT, Failure, Reply, Request, Usage
-from islandgp.supervision.llm.settings import Caps, Price
+from filelock import FileLock
+
+from islandgp.supervision.llm.message import (
+    CHARGED,
+    UNSENT,
+    Failure,
+    Reply,
+    Request,
+    Usage,
+    sha256_of,
+)
+from islandgp.supervision.llm.settings import Caps, PerMinute, Price
 from islandgp.supervision.llm.transcript import Attempt, Transcript
 
+LONGEST_TURN: Final = 3600.0  # s; a later one is of a wrong clock
 TOKENS_PER_PRICE: Final = 1e6  # tokens per price
 
 
@@ -109,6 +121,49 @@ def known_usage(answer: Reply | Failure) -> Usage | None:
     return None if answer.kind in CHARGED else Usage()
 
 
+class Pace:
+    """Takes turns with the other runs of the user on this machine, by a file under a lock."""
+
+    def __init__(self, limits: PerMinute, place: str, folder: Path, characters: float) -> None:
+        """Waits for nothing yet.
+
+        Args:
+            limits: of the account.
+            place: the server's address or name; runs that ask the same one take turns.
+            folder: of the file, which has the time from which the next request may be sent.
+            characters: per token, approximately.
+        """
+        self.limits, self.characters = limits, characters
+        self.path = folder / f"islandgp-{sha256_of([place, getuser()])[:16]}.turn"
+
+    def wait(
+        self,
+        request: Request,
+        sleep: Callable[[float], None] = time.sleep,
+        clock: Callable[[], float] = time.time,
+    ) -> float:
+        """Waits for the turn of a request; returns the seconds that it took.
+
+        Args:
+            request: to be sent next.
+            sleep: replaces time.sleep in tests.
+            clock: replaces time.time in tests.
+        """
+        tokens = (len(request.system) + sum(map(len, request.turns))) / self.characters
+        needs = {self.limits.requests: 1.0, self.limits.input_tokens: tokens}
+        gap = max(60 * n / limit for limit, n in needs.items() if limit is not None)
+        began = clock()
+        with FileLock(f"{self.path}.lock"):  # also while it sleeps: the others are after it
+            try:
+                free = float(self.path.read_text())
+            except (OSError, ValueError):
+                free = 0.0
+            if 0 < (left := free - clock()) < LONGEST_TURN:
+                sleep(left)
+            self.path.write_text(repr(clock() + gap))
+        return clock() - began
+
+
 class Ledger:
     """The costs of a run, summed over its transcript."""
 
@@ -143,17 +198,6 @@ class Ledger:
         _, unanswered = self.transcript.requests()
         spent = sum(a.seconds + a.waited for a in list(self.transcript.attempts))
         return max(0.0, self.caps.seconds - spent - sum(request.seconds for request in unanswered))
-
-    def room_for(self, requests: int, at_most: Usage, *, seconds: float) -> bool:
-        """True if further requests cannot exceed a cap, in any order of their answers.
-
-        Args:
-            requests: their number.
-            at_most: upper bound of the sum of their tokens.
-            seconds: upper bound of the sum of their seconds.
-        """
-        bill = Bill.at_most(requests, at_most, self.price)
-        return seconds <= self.seconds_left() and not (self.most() + bill).over(self.caps)
 
     def most(self) -> Bill:
         """Upper bound of the costs of all requests so far."""
@@ -197,19 +241,6 @@ class Ledger:
         sums |= {f"failures_{kind}": count for kind, count in sorted(failures.items())}
         sums |= {f"rejected_{stage}": count for stage, count in sorted(rejected.items())}
         return sums
-
-
-def recorded_requests(folder: Path) -> int:
-    """Number of requests in the recorded costs of a run's generations; 0 without records."""
-    try:
-        lines = (folder / "costs.jsonl").read_bytes().splitlines()
-    except FileNotFoundError:
-        return 0
-    requests = 0
-    for line in lines:
-        with suppress(*DECODE_ERRORS):  # damaged lines are reported when records are read
-            requests = max(requests, int(read_json(line)["llm"].get("requests", 0)))
-    return requests
 
 
 def is_sent(attempt: Attempt) -> bool:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from concurrent.futures import Future
 from dataclasses import dataclass, replace
 from datetime import UTC, datetime
@@ -25,7 +25,7 @@ from islandgp.errors import SupervisionError
 from islandgp.seeding import Stream, stream
 from islandgp.supervision.base import Guidance
 from islandgp.supervision.llm.answers import Accepted, Rejection, RejectionStage
-from islandgp.supervision.llm.budget import Ledger, known_usage, most_tokens
+from islandgp.supervision.llm.budget import Ledger, Pace, known_usage, most_tokens
 from islandgp.supervision.llm.message import (
     CHARGED,
     HOPELESS,
@@ -36,7 +36,6 @@ from islandgp.supervision.llm.message import (
     FailureKind,
     Reply,
     Request,
-    Usage,
 )
 from islandgp.supervision.llm.settings import Outage, RetrySettings
 from islandgp.supervision.llm.transcript import Attempt, Call, Conclusion, Sent, Transcript
@@ -88,10 +87,6 @@ class Calls(Protocol):
         """
         ...
 
-    def room_for(self, requests: Sequence[Request], repairs: int) -> bool:
-        """True if the requests may be sent at the same time, with `repairs` further turns each."""
-        ...
-
 
 class LiveCalls:
     """Sends requests by a client, within the caps."""
@@ -105,6 +100,7 @@ class LiveCalls:
         *,
         seed: int,
         on_outage: Outage = "fallback",
+        pace: Pace | None = None,
         sleep: Callable[[float], None] = time.sleep,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
@@ -117,12 +113,13 @@ class LiveCalls:
             retry: number of attempts and waiting times.
             seed: of the run, for the jitter of waiting times.
             on_outage: what follows the last attempt; "wait" has no last one before the caps.
+            pace: turns with other runs; None: requests are sent at once.
             sleep: replaces time.sleep in tests.
             clock: replaces time.monotonic in tests.
         """
         self.client, self.transcript, self.ledger, self.retry = client, transcript, ledger, retry
         self.seed, self.on_outage = seed, on_outage
-        self.sleep, self.clock = sleep, clock
+        self.sleep, self.clock, self.pace = sleep, clock, pace
         self._closed = False
         self._sending = Lock()  # held from the check of the caps until the request is recorded
         self._not_before = -inf  # clock time before which the server accepts no request
@@ -149,6 +146,7 @@ class LiveCalls:
             due = min(due, self.ledger.seconds_left())
             if due:
                 self.sleep(due)
+            due += self.pace.wait(request) if self.pace is not None else 0
             number += 1
             answer = self._attempt(call, number, request, due)
         if isinstance(answer, Failure) and self._stops(call, answer):
@@ -187,21 +185,6 @@ class LiveCalls:
             return False
         at_start = call.part == "probe" and (call.generation < 0 or failure.kind not in TRANSIENT)
         return at_start or self._stops(call, failure)
-
-    def room_for(self, requests: Sequence[Request], repairs: int) -> bool:
-        """See `Calls`. False if a cap could stop one of the requests.
-
-        Near a cap they are sent one after the other, so that the order of answers does not decide
-        which of them is stopped. Of the cap on seconds enough must be left for one attempt each.
-        """
-        turns = 1 + repairs
-        times = self.retry.attempts * turns
-        bounds = [most_tokens(request, longer=MAX_QUOTED * repairs) for request in requests]
-        return self.ledger.room_for(
-            times * len(requests),
-            sum(bounds, Usage()).times(times),
-            seconds=turns * len(requests) * self.retry.deadline,
-        )
 
     def close(self) -> None:
         """Ends a call in another thread without recording it; a resumed run makes it again."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from itertools import pairwise
 from math import isfinite
 from statistics import fmean
@@ -20,8 +19,7 @@ from islandgp.supervision.base import GenerationView, RunContext
 from islandgp.supervision.llm.prompts import about
 from islandgp.text import in_points
 
-SPANS: Final = 8  # most spans of an episode, one line each
-BINS: Final = 60  # intervals of an episode from which spans are formed
+SPANS: Final = 8  # parts of an episode, one line each
 MAX_NAMED: Final = 4  # most actions and events named in a span
 KEYS: Final = 12  # most keys that are described
 TREE: Final = 1500  # most characters of a tree
@@ -33,7 +31,7 @@ class EpisodeLog:
 
     def __init__(self, tree: Node) -> None:
         self.actions = [n.action for n in walk(tree)]
-        self.active: list[frozenset[str]] = []  # by tick: the actions that ran or succeeded
+        self.active: list[tuple[str, ...]] = []  # by tick: the actions that ran or succeeded
         self.boards: list[tuple[float, ...]] = []  # by tick
         self.credits: list[tuple[int, str, float]] = []  # tick, event, points
         self.succeeded: Counter[str] = Counter()  # by action
@@ -51,32 +49,13 @@ class EpisodeLog:
 
     def tick(self, board: Sequence[float], scene: Scene | None) -> None:  # noqa: ARG002 -- the protocol's
         """See `Observer`."""
-        self.active.append(frozenset(self._now))
+        self.active.append(tuple(sorted(self._now)))  # a set has another order in each process
         self.boards.append(tuple(map(float, board)))
         self._now.clear()
 
     def credit(self, component: str, points: float, event: str, action: str) -> None:  # noqa: ARG002 -- the protocol's
         """See `Observer`."""
         self.credits.append((len(self.active), event, points))
-
-
-@dataclass(frozen=True, slots=True)
-class Stretch:
-    """A part of an episode with similar actions."""
-
-    begin: int  # first tick
-    end: int  # first tick after it
-    actions: Counter[str]  # ticks by action
-
-    def __add__(self, other: Stretch) -> Stretch:
-        return Stretch(self.begin, other.end, self.actions + other.actions)
-
-    def apart(self, other: Stretch) -> float:
-        """Loss of information if two spans are merged; 0 if their shares of actions are equal."""
-        n, m = self.end - self.begin, other.end - other.begin
-        names = self.actions | other.actions
-        differ = sum(abs(self.actions[name] / n - other.actions[name] / m) for name in names)
-        return differ * n * m / (n + m)
 
 
 def describe_episode(
@@ -91,47 +70,30 @@ def describe_episode(
     return outcome, [*_course(log, domain.step_s), *_ends(log), *_keys(log, domain)]
 
 
-def spans(active: Sequence[frozenset[str]]) -> list[Stretch]:
-    """An episode's ticks in at most SPANS parts, cut where the actions change most."""
-    bins = min(BINS, len(active))
-    edges = [i * len(active) // bins for i in range(bins + 1)] if bins else []
-    stretches = [
-        Stretch(a, b, Counter(name for names in active[a:b] for name in names))
-        for a, b in pairwise(edges)
-    ]
-    while len(stretches) > 1:
-        lost, i = min((a.apart(b), i) for i, (a, b) in enumerate(pairwise(stretches)))
-        if len(stretches) <= SPANS and lost > 0:
-            break
-        stretches[i : i + 2] = [stretches[i] + stretches[i + 1]]
-    return stretches
-
-
 def _course(log: EpisodeLog, step_s: float) -> Iterator[str]:
-    last = len(log.active) - 1
-    for span in spans(log.active):
-        length = span.end - span.begin
+    """A line for each of SPANS equal parts of the episode."""
+    ticks = len(log.active)
+    for begin, end in pairwise(sorted({ticks * k // SPANS for k in range(SPANS + 1)})):
+        length = end - begin
+        active = Counter(name for names in log.active[begin:end] for name in names)
         shares = ", ".join(
             f"{name} {f'{n / length:.0%}' if n * 100 >= length else f'{n} ticks'}"
-            for name, n in span.actions.most_common(MAX_NAMED)
+            for name, n in active.most_common(MAX_NAMED)
         )
         inside = [
-            (event, points)
-            for tick, event, points in log.credits
-            if span.begin <= min(tick, last) < span.end
+            (e, points) for tick, e, points in log.credits if begin <= min(tick, ticks - 1) < end
         ]
         times = Counter(event for event, _ in inside)
         earned = ", ".join(f"{event} {n}x" for event, n in times.most_common(MAX_NAMED))
         gain = sum(points for _, points in inside)
         tail = f"; {earned}: {in_points(gain, '+')} points" if inside else ""
-        begin, end = span.begin * step_s, span.end * step_s
-        yield f"- {begin:.0f} to {end:.0f} s: {shares or 'nothing'}{tail}"
+        yield f"- {begin * step_s:.0f} to {end * step_s:.0f} s: {shares or 'nothing'}{tail}"
 
 
 def _ends(log: EpisodeLog) -> Iterator[str]:
     """How the actions of the tree ended; each of them is in one of the lines, or ran to the end."""
     names = dict.fromkeys(filter(None, log.actions))
-    ran = set().union(*log.active)
+    ran = {name for names in log.active for name in names}
     succeeded = [f"{name} {log.succeeded[name]}x" for name in names if log.succeeded[name]]
     failed = [f"{n} {log.failed[n]}x" for n in names if log.failed[n] and not log.succeeded[n]]
     unused = [name for name in names if name not in ran and not log.failed[name]]

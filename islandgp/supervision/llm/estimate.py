@@ -41,16 +41,21 @@ class SupervisedRuns:
         return max(0, self.context.generations - 1 - self.lag)
 
 
-def upper_bound(runs: Sequence[SupervisedRuns]) -> str:
-    """A line on the most that all runs together can cost."""
-    bill = reduce(add, map(at_most, runs))
+def costs(runs: Sequence[SupervisedRuns]) -> str:
+    """A line on what all runs together are expected to cost, and on the most they can cost."""
     number = sum(r.number for r in runs)
-    dollars = "an unknown price" if isnan(bill.usd) else f"{bill.usd:,.2f} US dollars"
+    likely, most = (reduce(add, map(bill, runs)) for bill in (expected, at_most))
     return (
-        f"The language model: at most {bill.requests:,.0f} requests, {bill.input:,.0f} tokens in,"
-        f" {bill.output:,.0f} out, {dollars} in {number} run{'s' * (number != 1)};"
-        " islandgp estimate has the expected costs, supervisor.policy.caps limits a run."
+        f"The language model ({', '.join(sorted({r.settings.model_name for r in runs}))}):"
+        f" {_words(likely)} are expected in {number} run{'s' * (number != 1)}, at most"
+        f" {_words(most)}; supervisor.policy.caps limits a run."
     )
+
+
+def _words(bill: Bill) -> str:
+    dollars = "an unknown price" if isnan(bill.usd) else f"{bill.usd:,.2f} US dollars"
+    tokens = f"{bill.input:,.0f} tokens in, {bill.output:,.0f} out"
+    return f"{bill.requests:,.0f} requests, {tokens}, {dollars}"
 
 
 def expected(runs: SupervisedRuns) -> Bill:

@@ -264,7 +264,12 @@ def parents_of(view: GenerationView, context: RunContext, count: int) -> list[In
 
 
 def edit_values(
-    context: RunContext, run: RunHistory, count: int, *, traced: bool
+    context: RunContext,
+    run: RunHistory,
+    count: int,
+    *,
+    traced: bool = True,
+    evidence: GenerationView | None = None,
 ) -> tuple[dict[str, str], int]:
     """The values of EDIT_VALUES, and the episodes simulated for them.
 
@@ -273,6 +278,7 @@ def edit_values(
         run: so far.
         count: parents that are shown, at most.
         traced: True: with a trace of each parent.
+        evidence: the generation whose points and traces are shown; None: that of the parents.
     """
     view = run.now
     if view is None:
@@ -281,9 +287,14 @@ def edit_values(
     others = parents_of(view, context, count + NEIGHBOURS)[len(parents) :]
     texts = {i.tree for i in parents}
     elites = {e.tree: _elite(e) for e in view.archive if e.tree not in texts}
-    near = [f"{_head(i, context)}\n```\n{shortened(i.tree)}\n```" for i in others]
+    near = [f"Individual {i.id}:\n```\n{shortened(i.tree)}\n```" for i in others]
+    shown = evidence or view
+    known = parents_of(shown, context, count)
     values = {
-        "parents": "\n\n".join(_parent(i, context, view, traced=traced) for i in parents),
+        "parents": "\n\n".join(
+            _parent(i, each, context, shown, traced=traced)
+            for i, each in zip(parents, known, strict=False)
+        ),
         "neighbours": "\n\n".join(([*elites.values()] or near)[:NEIGHBOURS]),
         "past_edits": "\n".join(map(_past, run.edits)),
     }
@@ -295,21 +306,34 @@ def _elite(e: Elite) -> str:
     return f"Individual {e.id}, of the archive: {points}.\n```\n{shortened(e.tree)}\n```"
 
 
-def _head(i: IndividualRecord, context: RunContext) -> str:
+def _head(name: str, i: IndividualRecord, context: RunContext) -> str:
+    """The points and counts of an individual."""
     counted = context.schema.counters
     tiers = "".join(f", {context.classes.tier_title(tier)}" for tier in i.tiers)
     counts = ", ".join(
         f"{in_points(value)} {counted[name].meaning}" for name, value in i.counters.items() if value
     )
-    return (
-        f"Individual {i.id}: {in_points(i.fitness)} points{tiers} ({counts or 'nothing counted'})."
-    )
+    return f"Individual {name}: {in_points(i.fitness)} points{tiers} ({counts or 'none'})."
 
 
-def _parent(i: IndividualRecord, context: RunContext, view: GenerationView, *, traced: bool) -> str:
+def _parent(
+    i: IndividualRecord,
+    known: IndividualRecord,
+    context: RunContext,
+    view: GenerationView,
+    *,
+    traced: bool,
+) -> str:
+    """The tree of `i`, with the points and the trace of `known`, which is usually the same."""
     tree = parse(i.tree, context.schema.vocabulary)
-    trace = [trace_of("It", i, context, view)] if traced else []
-    return "\n".join((_head(i, context), *listing(tree), *trace))
+    trace = [trace_of("It", known, context, view)] if traced else []
+    return "\n".join((_head(i.id, known, context), *listing(tree), *trace))
+
+
+def paths_of(tree: str, context: RunContext) -> list[str]:
+    """The places of a tree that are listed."""
+    nodes = nodes_with_paths(parse(tree, context.schema.vocabulary))
+    return [path_text(path) for path, _ in list(nodes)[:LINES]]
 
 
 def listing(tree: Node) -> list[str]:

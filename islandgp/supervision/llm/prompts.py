@@ -172,7 +172,7 @@ def language(vocabulary: Vocabulary) -> str:
 
 def fixed_values(context: RunContext) -> dict[str, str]:
     """The values that are the same in all generations, by variable."""
-    schema, classes, gp = context.schema, context.classes, context.gp
+    schema, classes = context.schema, context.classes
     meanings = {name: schema.counters[c].meaning for name, c in classes.behaviours.items()}
     targets = {
         **{name: f"shows {m}; for a population that lacks it" for name, m in meanings.items()},
@@ -221,7 +221,6 @@ def fixed_values(context: RunContext) -> dict[str, str]:
             {n: m for n, m in schema.components.items() if n in multiplied(context)}
         ),
     }
-    assert gp is context.gp
     return values | {"fields": fill(words()["fields"], "words", names).strip()}
 
 
@@ -251,12 +250,10 @@ def _mutated(context: RunContext) -> str:
     """What the mutation rate hits; "" for a search without one."""
     if not context.by_rate:
         return ""
-    tree, verb = (" and a tree that you write", "are") if context.inject else ("", "are")
+    tree = " and a tree that you write" * context.inject
     if context.gp.mutate_elites:
         return f"Each individual is mutated with this chance, also the best ones{tree}."
-    return (
-        f"Each child is mutated with this chance; the best individuals{tree} {verb} kept unchanged."
-    )
+    return f"Each child is mutated with this chance; the best individuals{tree} are kept unchanged."
 
 
 def _joins(context: RunContext) -> str:
@@ -273,9 +270,8 @@ def _joins(context: RunContext) -> str:
 
 
 def _edits_join(context: RunContext) -> str:
-    mutated = ", after mutation with the rate in force," * context.mutate_advice
     return (
-        f"Each edited tree joins {_next(context)} in a slot of its own{mutated} and is compared"
+        f"Each edited tree joins {_next(context)} in a slot of its own and is compared"
         " with the tree before the edit in the same worlds."
     )
 

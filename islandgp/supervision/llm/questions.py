@@ -10,7 +10,7 @@ from pydantic import BaseModel
 
 from islandgp.bt.core.kinds import KINDS
 from islandgp.bt.core.language import to_text
-from islandgp.bt.export.grammar import answer_grammar, tree_grammar
+from islandgp.bt.export.grammar import answer_grammar, edit_grammar, tree_grammar
 from islandgp.errors import SupervisionError
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, RunContext
@@ -33,6 +33,8 @@ from islandgp.supervision.llm.history import (
     RUN_VALUES,
     RunHistory,
     edit_values,
+    parents_of,
+    paths_of,
     run_values,
 )
 from islandgp.supervision.llm.message import Request, ServerCapabilities
@@ -86,6 +88,8 @@ class Questions:
         self.history = RunHistory()
         self._library = context.library()
         self.traced = True  # prompts have descriptions of episodes
+        self.evidence: GenerationView | None = None
+        """The generation whose points and episodes the question for edits shows; None: its own."""
         self._last: tuple[PopulationState | None, dict[str, tuple[dict[str, str], int]]] = (
             None,
             {},
@@ -132,8 +136,6 @@ class Questions:
         if part == "tree":
             answer = proposal_model(state.targets)
         shape = reasons_first(schema(answer)) if self.informed else schema(answer)
-        by_grammar = capabilities.grammar and part != "edits"  # those have a schema
-        structured = capabilities.structured or (capabilities.grammar and not by_grammar)
         values = {
             **self.values,
             **self._of_phase(exploit=exploit),
@@ -151,10 +153,10 @@ class Questions:
             turns=(user,),
             max_tokens=settings.reply_tokens,
             temperature=capabilities.temperature,
-            schema=shape if structured else None,
+            schema=shape if capabilities.structured else None,
             cache=settings.cache,
             extra=settings.extra_body,
-            grammar=self._grammar(shape, exploit=exploit) if by_grammar else None,
+            grammar=self._grammar(part, shape, exploit=exploit) if capabilities.grammar else None,
         )
 
     def _of_phase(self, *, exploit: bool) -> dict[str, str]:
@@ -182,16 +184,21 @@ class Questions:
             )
         return "\n".join(lines)
 
-    def _grammar(self, shape: Mapping[str, Any], *, exploit: bool) -> str:
-        """The grammar of an answer; of a tree with the requested depth."""
+    def _grammar(self, part: str, shape: Mapping[str, Any], *, exploit: bool) -> str:
+        """The grammar of an answer; of a tree with the requested depth, or a branch of half."""
         size = self.settings.exploit if exploit else self.settings.explore
+        depth = min(size.depth, self.context.limits.max_depth)
         tree = tree_grammar(
             self.context.schema.vocabulary,
-            min(size.depth, self.context.limits.max_depth),
+            max(2, depth // 2) if part == "edits" else depth,
             kinds=[name for name, kind in KINDS.items() if kind.paper],
             children=MAX_CHILDREN,
             in_json=True,
         )
+        if part == "edits" and (now := self.history.now) is not None:
+            parents = parents_of(now, self.context, self.settings.parents)
+            places = {i.id: [*paths_of(i.tree, self.context)] for i in parents}
+            return edit_grammar(tree, places).text("gbnf")
         return answer_grammar(shape, tree, self.settings.rates).text("gbnf")
 
     def check(self, part: str, state: PopulationState) -> Check:
@@ -230,7 +237,9 @@ class Questions:
             values, episodes = run_values(self.context, state, self.history, names)
             if part == "edits":
                 parents, traced = self.settings.parents, self.traced
-                more, played = edit_values(self.context, self.history, parents, traced=traced)
+                more, played = edit_values(
+                    self.context, self.history, parents, traced=traced, evidence=self.evidence
+                )
                 values, episodes = values | more, episodes + played
             of_parts[part] = values, episodes
         return of_parts[part]

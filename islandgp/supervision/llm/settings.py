@@ -97,6 +97,18 @@ class Caps(BaseModel, frozen=True, extra="forbid", allow_inf_nan=False):
     seconds: float | None = Field(ge=0)  # of attempts and of waiting between them
 
 
+class PerMinute(BaseModel, frozen=True, extra="forbid"):
+    """Limits of an account, shared by all runs of a user on this machine; None: no limit."""
+
+    requests: float | None = Field(default=None, gt=0)
+    input_tokens: float | None = Field(default=None, gt=0)  # estimated from the prompts' characters
+
+    @property
+    def is_limited(self) -> bool:
+        """True if there is a limit."""
+        return self.requests is not None or self.input_tokens is not None
+
+
 class TreeSize(BaseModel, frozen=True, extra="forbid"):
     """Requested size of a tree; the run's limits are accepted."""
 
@@ -110,13 +122,6 @@ Outage = Literal["fallback", "wait", "stop"]
 
 ClientFactory = Annotated[str, Field(pattern=r"^[A-Za-z_][\w.]*:[A-Za-z_]\w*$")]
 """The path of a class or function, "module:name"; see `client.sdk_client`."""
-
-
-class Useless(BaseModel, frozen=True, extra="forbid"):
-    """Limit on unusable answers."""
-
-    most: int = Field(ge=1)  # questions in a row, with their repairs, without a usable answer
-    then: Literal["fallback", "stop"]  # continue with the fallback, or stop the run
 
 
 class Fallback(ComponentConfig, frozen=True, extra="ignore"):
@@ -154,9 +159,11 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     parents: int = Field(default=2, ge=1, le=10)  # trees in the question for edits
     rare: float = Field(ge=0, le=1)  # share of the population below which a behaviour is rare
     on_outage: Outage = "fallback"  # reaction to a server that does not answer
-    useless: Useless | None = None  # limit on unusable answers; None: no limit
+    useless: int | None = Field(default=None, ge=1)
+    """Questions in a row without a usable answer before the model is no longer asked."""
     most_fallback: float | None = Field(default=None, ge=0, le=1)  # share; None: any
     caps: Caps
+    per_minute: PerMinute = PerMinute()
     prices: Prices
     prompts: str  # paper, informed, or a folder
     fallback: Fallback

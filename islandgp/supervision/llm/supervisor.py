@@ -11,6 +11,8 @@ import os
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
+from tempfile import gettempdir
 from typing import Any, Final
 
 import numpy as np
@@ -22,7 +24,7 @@ from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, Guidance, RunContext, Supervisor
 from islandgp.supervision.guidance import ask
 from islandgp.supervision.llm.answers import DecisionAnswer
-from islandgp.supervision.llm.budget import Ledger, recorded_requests
+from islandgp.supervision.llm.budget import Ledger, Pace
 from islandgp.supervision.llm.calls import (
     Calls,
     Conversation,
@@ -121,15 +123,15 @@ class Adviser:
         for part in calls.transcript.parts:
             if part.generation < generation and part.failed in HOPELESS:
                 return Failure(FailureKind(part.failed), part.why.removeprefix(f"{part.failed}: "))
-        limits, useless = self.settings.useless, calls.transcript.useless_before(generation)
-        if limits is None or len(useless) < limits.most:
+        most, useless = self.settings.useless, calls.transcript.useless_before(generation)
+        if most is None or len(useless) < most:
             return None
         last = f" (the last: {useless[-1].why})" if useless[-1].failed in CHARGED else ""
-        if limits.then == "stop":
+        if self.settings.on_outage == "stop":
             raise SupervisionError(
                 f"Expected a usable answer of {self.settings.model_name}, found none to the last"
                 f" {len(useless)} questions{last}; set another supervisor.policy.model, or raise"
-                " supervisor.policy.useless.most."
+                " supervisor.policy.useless."
             )
         return Failure(
             FailureKind.USELESS, f"no usable answer to {len(useless)} questions in a row{last}"
@@ -141,12 +143,13 @@ class Adviser:
         calls: Calls,
         capabilities: ServerCapabilities,
     ) -> dict[str, Conversation]:
-        """Asks for all parts at the same time, or one by one if a cap is near."""
+        """Asks for all parts at the same time; one by one if one of them could reach a cap."""
         requests = self.questions.requests(state, capabilities)
         work = {p: partial(self._ask, p, state, calls, request) for p, request in requests.items()}
-        room = calls.room_for(tuple(requests.values()), self.settings.repairs)
+        caps = self.settings.caps.model_dump(exclude={"seconds"}).values()
+        together = isinstance(calls, LiveCalls) and not any(cap is not None for cap in caps)
         # The first is asked in this thread, the others beside it.
-        aside = {part: in_thread(work[part]) for part in [*work][1:] if room}
+        aside = {part: in_thread(work[part]) for part in [*work][1:] if together}
         return {part: aside[part].result() if part in aside else work[part]() for part in work}
 
     def _ask(
@@ -233,7 +236,6 @@ class LLM:
         """See `SupervisorLifecycle`. Opens the transcript and probes the server."""
         calls = self._open()
         try:
-            self._check_complete(calls.transcript)
             capabilities = capabilities_in(-1, calls, self.settings)
         except SupervisionError:
             self.close()
@@ -294,24 +296,9 @@ class LLM:
                 settings.retry.model_copy(update={"deadline": settings.deadline}),
                 seed=self.context.seed,
                 on_outage=settings.on_outage,
+                pace=pace_of(settings),
             )
         return self._calls
-
-    def _check_complete(self, transcript: Transcript) -> None:
-        """Raises SupervisionError if requests of the run are missing in its transcript.
-
-        The ledger is computed from them; without them the caps would start again at 0.
-        """
-        if transcript.path is None:
-            return
-        attempts, unanswered = transcript.requests()
-        expected, count = recorded_requests(transcript.path.parent), len(attempts) + len(unanswered)
-        if count < expected:
-            raise SupervisionError(
-                f"Expected the {expected} requests that the run's costs.jsonl counts in"
-                f" {transcript.path}, found {count}: the caps would start again at 0. Restore the"
-                " transcript, or start the run again with resume=never."
-            )
 
     def _warn(self, guidance: Guidance, generation: int) -> None:
         """Logs one warning when the model is no longer asked; records have it each time."""
@@ -325,6 +312,14 @@ class LLM:
                 generation,
                 reasons[0].split(": ", 2)[2],
             )
+
+
+def pace_of(settings: LLMSettings) -> Pace | None:
+    """The turns with other runs; None without limits."""
+    if not settings.per_minute.is_limited:
+        return None
+    place, characters = settings.place, settings.facts.characters
+    return Pace(settings.per_minute, place, Path(gettempdir()), characters)
 
 
 class Local(LLM):
