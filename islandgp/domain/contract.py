@@ -141,6 +141,7 @@ class ActionSample(NamedTuple):
     end: tuple[float, ...]  # after its end; () if another action may have changed it
     points: float  # that the action earned, mean
     times: int  # executions, >= 1
+    last: bool = False  # the episode ended right after it
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,7 +12,7 @@ from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, walk
 from islandgp.bt.core.printer import head
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.domain import ActionSample, Scene
-from islandgp.search.action_models import cell_of, without_numbers
+from islandgp.search.action_models import cell_of, small_world, without_numbers
 
 WAITING: Final = -1
 MAX_CELLS: Final = 12  # of an episode, by action and result
@@ -30,8 +30,10 @@ class _Execution:
     known_end: bool = True
 
 
-_Start = tuple[str, bool, tuple[float, ...]]
-"""Action, success, and the blackboard at its start."""
+_Start = tuple[str, bool, tuple[float, ...], tuple[float, ...], bool]
+"""Action, success, the blackboard at its start, in a small world that after its end, and `last`."""
+_Cell = tuple[str, bool, tuple[int, ...], tuple[float, ...], bool]
+"""The same, with the cell of the start."""
 
 
 class ActionObserver:
@@ -45,7 +47,7 @@ class ActionObserver:
     scenes = False
 
     def __init__(self, tree: Node, vocabulary: Vocabulary) -> None:
-        self._vocabulary = vocabulary
+        self._vocabulary, self._small = vocabulary, small_world(vocabulary)
         self._leaves = {
             place: (node.action, head(without_numbers(node, vocabulary)))
             for place, node in enumerate(walk(tree))
@@ -100,24 +102,29 @@ class ActionObserver:
         """The samples of the episode, which has ended; one for each cell of the blackboard."""
         for execution in self._ended:
             execution.points += self._credits.pop(execution.action.partition("(")[0], 0.0)
-            self._keep(execution, ())
+            self._keep(execution, (), last=True)
         self._ended = []
-        samples: dict[tuple[str, bool, tuple[int, ...]], ActionSample] = {}
+        samples: dict[_Cell, ActionSample] = {}
         cells: Counter[tuple[str, bool]] = Counter()
-        for (action, succeeded, start), (end, points, count) in self._seen.items():
-            cell = (action, succeeded, cell_of(start, self._vocabulary) if start else ())
+        for (action, succeeded, start, _, last), (end, points, count) in self._seen.items():
+            place = cell_of(start, self._vocabulary) if start else ()
+            cell = (action, succeeded, place, end if self._small else (), last)
             if (known := samples.get(cell)) is not None:
                 n = known.times + count
                 mean = known.points + (points - known.points * count) / n
                 samples[cell] = known._replace(points=mean, times=n)
-            elif cells[action, succeeded] < MAX_CELLS:
+            elif self._small or cells[action, succeeded] < MAX_CELLS:
                 cells[action, succeeded] += 1
-                samples[cell] = ActionSample(action, succeeded, start, end, points / count, count)
+                samples[cell] = ActionSample(
+                    action, succeeded, start, end, points / count, count, last
+                )
         return tuple(samples.values())
 
-    def _keep(self, execution: _Execution, after: tuple[float, ...]) -> None:
+    def _keep(self, execution: _Execution, after: tuple[float, ...], *, last: bool = False) -> None:
         start = execution.start if execution.known_start else ()
-        kind = (execution.action, execution.status == SUCCESS, start)
-        end, points, count = self._seen.get(kind, ((), 0.0, 0))
-        end = end or (after if execution.known_end and start else ())
-        self._seen[kind] = (end, points + execution.points, count + 1)
+        end = after if execution.known_end and start else ()
+        succeeded = execution.status == SUCCESS
+        last = last and execution.known_end
+        kind = (execution.action, succeeded, start, end if self._small else (), last)
+        before, points, count = self._seen.get(kind, ((), 0.0, 0))
+        self._seen[kind] = (before or end, points + execution.points, count + 1)

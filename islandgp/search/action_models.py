@@ -33,6 +33,7 @@ MAX_CELLS: Final = 80  # of an action and a result; the oldest are dropped first
 MAX_NEEDS: Final = 5
 MISSED: Final = 0.03  # share of the successes that a learned condition may exclude
 HELD: Final = 0.9  # share of the successes after which an effect holds
+MAX_ENDS: Final = 8  # of a cell in a small world
 MAX_COMBINATIONS: Final = 60  # of the words of an action's arguments
 ENOUGH: Final = 5  # cells of successes from which on a model is relied on
 MANY: Final = 20  # cells of successes from which on a few failures may have no reason
@@ -46,6 +47,11 @@ Board = tuple[float, ...]
 def wordlike(key: Key) -> bool:
     """True for a key with few values: flags, words, and small whole numbers."""
     return key.flag or bool(key.words) or (key.whole and key.high - key.low < WORDLIKE)
+
+
+def small_world(vocabulary: Vocabulary) -> bool:
+    """True if all keys have few values, so that a cell is a state."""
+    return bool(vocabulary.keys) and all(map(wordlike, vocabulary.keys.values()))
 
 
 def cell_of(board: Sequence[float], vocabulary: Vocabulary) -> tuple[int, ...]:
@@ -89,6 +95,8 @@ class Cell:
     end: Board  # after the last one of which it is known; ()
     points: float  # that the action earned, mean
     count: int
+    ends: tuple[tuple[Board, int], ...] = ()
+    """In a small world: each known end and its number; () is the end of the episode."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -107,6 +115,7 @@ def recorded(
     """The records with further samples."""
     sides: dict[tuple[str, bool], dict[tuple[int, ...], Cell]] = {}
     counts: dict[tuple[str, bool], int] = {}
+    small = small_world(vocabulary)
 
     def side(kind: tuple[str, bool]) -> dict[tuple[int, ...], Cell]:
         if kind not in sides:
@@ -126,7 +135,12 @@ def recorded(
         before = cells.pop(key, None) or Cell(sample.start, (), 0.0, 0)
         n = before.count + sample.times
         points = before.points + (sample.points - before.points) * sample.times / n
-        cells[key] = Cell(before.start, sample.end or before.end, points, n)
+        ends = dict(before.ends)
+        known = bool(sample.end) or sample.last
+        if small and known and (sample.end in ends or len(ends) < MAX_ENDS):
+            ends[sample.end] = ends.get(sample.end, 0) + sample.times
+        end = sample.end or before.end
+        cells[key] = Cell(before.start, end, points, n, tuple(ends.items()))
         if sample.end:  # the start and the end of the same execution
             cells[key] = replace(cells[key], start=sample.start)
         if len(cells) > MAX_CELLS:

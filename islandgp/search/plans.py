@@ -7,7 +7,8 @@ Each episode is observed. From its samples the search learns models of the actio
 - `repair`: a plan for the needs of an action of a survivor, before that action;
 - `maintain`: a plan for an action that raises a number, such as a charge, when it is low;
 - `probe`: a plan for a combination of conditions in which an action that never succeeded was
-  tried least, and then that action.
+  tried least, and then that action;
+- `policy`: in a world with few states, the best policy by value iteration (`policies`).
 
 The others are made as in `racing`, without children that would act as their mother (`neutral`).
 Backchaining as in Colledanchise and Ogren's PA-BT; the repair of failed actions as in BETR-XP-LLM
@@ -47,18 +48,21 @@ from islandgp.search.action_models import (
     Learner,
     all_leaves,
     recorded,
+    small_world,
     without_numbers,
 )
 from islandgp.search.base import SearchState
 from islandgp.search.breeding import GenerationPlan, Pick, Proposal, digest, new_child
 from islandgp.search.neutral import Screen
 from islandgp.search.planning import Planner, Rule, branches
+from islandgp.search.policies import best_policy
 from islandgp.search.racing import Racing, RacingMemory, RacingSettings
 
 TRIES: Final = 10  # attempts to make a tree from a plan
 CHILDREN: Final = 15  # attempts to make a child that does not act as its mother
 MAX_SAMPLES: Final = 60  # of a survivor that are kept
 CONJUNCTIONS: Final = 40  # that a probe compares
+OPTIMISTIC: Final = 0.5  # chance that a policy explores what was never tried
 OTHER_STATE: Final = 0.5  # chance that a known action is probed under one more condition
 PROBE_WEIGHT: Final = 3.0  # of probes while nothing earns points; the others have weight 1
 PROBED: Final = 3  # most actions that a probe tries
@@ -178,6 +182,7 @@ class PlanMaker:
         }
         self.reachable = self.planner.reachable()
         self.learner = Learner(plan.vocabulary)
+        self.small = small_world(plan.vocabulary)
 
     def tree(self, rng: np.random.Generator) -> Proposal | None:
         """A tree from a plan, or None if none could be made."""
@@ -186,9 +191,13 @@ class PlanMaker:
             makers["achieve"] = self.achieve
         if self.pick is not None:
             makers |= {"repair": self.repair, "maintain": self.maintain}
+        if self.small:
+            makers["policy"] = self.policy
         weights = dict.fromkeys(makers, 1.0)
         if "probe" in makers and not self.goals:  # nothing earns points yet
             weights["probe"] = PROBE_WEIGHT
+        if self.small:  # as often as all others together
+            weights["policy"] = float(len(makers))
         for _ in range(TRIES if makers else 0):
             name = weighted(rng, weights)
             if (proposal := makers[name](rng)) is None:
@@ -213,6 +222,12 @@ class PlanMaker:
         goal = self.goals[int(rng.choice(len(self.goals), p=points / points.sum()))]
         mother, parents = self._mother(rng)
         return self._in_front(rng, self.planner.plan(rng, goal), mother, goal.leaf), parents
+
+    def policy(self, rng: np.random.Generator) -> Made | None:
+        """The best policy of a small world."""
+        optimistic = rng.random() < OPTIMISTIC
+        tree = best_policy(self.memory.actions, self.space.vocabulary, optimistic=optimistic)
+        return None if tree is None else (tree, ())
 
     def maintain(self, rng: np.random.Generator) -> Made | None:
         """A plan for an action that moves a number, when it is low (or high)."""

@@ -16,7 +16,7 @@ from islandgp.bt.core.language import parse, parse_condition, to_text
 from islandgp.bt.core.node import selector
 from islandgp.bt.core.printer import condition_text, head
 from islandgp.cli import islandgp as command
-from islandgp.domain import Condition
+from islandgp.domain import Action, ActionSample, Condition, Vocabulary, enumeration
 from islandgp.evaluation.action_observer import ActionObserver
 from islandgp.evaluation.base import Evaluator, Problem
 from islandgp.evaluation.processes import Processes
@@ -30,11 +30,12 @@ from islandgp.running.parts import make_search
 from islandgp.running.report import report
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.curriculum import Curriculum
-from islandgp.search.action_models import ActionModel, Learner
+from islandgp.search.action_models import ActionModel, Learner, recorded
 from islandgp.search.breeding import digest
 from islandgp.search.neutral import Screen
 from islandgp.search.planning import Planner, branches
 from islandgp.search.plans import Plans, PlansMemory
+from islandgp.search.policies import best_policy
 from islandgp.search.racing import RacingMemory
 from tests.composed import composed
 from tests.evolution.runs import Constant, lines
@@ -191,6 +192,37 @@ def test_declarations_are_evidence_of_actions_that_were_never_tried() -> None:
     rules = planner.plan(np.random.default_rng(0), models["Open"])
     assert [head(rule.leaf) for rule in rules] in (["Drive", "Open"], ["Drive(to: door)", "Open"])
     assert words(rules[0].when) == {"place != door"}
+
+
+PLACES = ("left", "middle", "right")
+LAKE = Vocabulary(
+    "lake",
+    {"Left": Action("goes left"), "Right": Action("goes right")},
+    {"place": enumeration("where it is", PLACES)},
+)
+
+
+@pytest.mark.parametrize(
+    ("optimistic", "expected"),
+    [
+        (False, "selector { when place == left { Left } Right }"),
+        (True, "selector { when place == right { Right } Left }"),
+    ],
+)
+def test_the_best_policy_of_a_small_world(optimistic: bool, expected: str) -> None:
+    """Actions that never fail lead somewhere; what was never tried is explored by optimism."""
+    samples = [
+        ActionSample("Left", True, (0.0,), (2.0,), 0.0, 9),  # around the lake, nine times of ten
+        ActionSample("Left", True, (0.0,), (), 0.0, 1, last=True),
+        ActionSample("Right", True, (0.0,), (), 0.0, 10, last=True),  # into the water
+        ActionSample("Right", True, (1.0,), (2.0,), 0.0, 5),
+        ActionSample("Right", True, (2.0,), (), 1.0, 5, last=True),
+        ActionSample("Left", True, (2.0,), (), 0.0, 5),  # another action followed
+        ActionSample("Left", True, (2.0,), (1.0,), 0.0, 5),
+    ]
+    records = recorded({}, samples, LAKE)
+    assert best_policy(records, LAKE, optimistic=optimistic) == parse(expected, LAKE)
+    assert best_policy(records, VOCABULARY, optimistic=optimistic) is None  # too many keys
 
 
 @pytest.mark.parametrize(
