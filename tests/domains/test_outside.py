@@ -64,7 +64,7 @@ def test_a_domain_without_actions_is_refused(
 @pytest.mark.parametrize("missing", ["action", "component"])
 def test_a_schema_declares_what_evolution_needs(missing: str) -> None:
     """Actions for the leaves of trees, and components for their fitness."""
-    from tests.domains.test_ticking import SCHEMA
+    from tests.domains.test_simulator import SCHEMA
 
     vocabulary = EMPTY_VOCABULARY if missing == "action" else SCHEMA.vocabulary
     components = {} if missing == "component" else SCHEMA.components
