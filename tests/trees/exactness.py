@@ -402,7 +402,7 @@ def groups() -> Iterator[tuple[str, Iterable[Case]]]:
         ),
     )
     yield "random trees that compare two keys", comparing_keys(300)
-    yield "random trees that write keys", writing(1000)
+    yield "random trees that write keys", writing(4000)
     for kind in (kind for kind in INNER if kind not in NAV2):
         yield f"random trees with `{kind}`", cases_with(kind, 50)
     for kind in (kind for kind in INNER if kind in NAV2):

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import pytest
 from hypothesis import example, given
+from islandgp.bt.export.json import from_json, to_json
 
 from islandgp.bt.analysis.lint import warnings
 from islandgp.bt.core.format import format_text
@@ -17,7 +18,6 @@ from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node, ParallelArgs, leaf, walk
 from islandgp.bt.export.behaviortree_cpp import to_xml
 from islandgp.bt.export.import_cpp import read_tree
-from islandgp.bt.export.json import from_json, to_json
 from islandgp.cli import main
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import LimitError, TreeError
@@ -347,7 +347,7 @@ def test_byte_order_marks(islandgp: Cli, tmp_path: Path) -> None:
         assert islandgp("import", tmp_path / name).out == f"{A}\n"
 
 
-@pytest.mark.parametrize("command", [["check"], ["fmt"], ["import"], ["export", "--to", "json"]])
+@pytest.mark.parametrize("command", [["check"], ["fmt"], ["import"], ["export", "--to", "pytrees"]])
 def test_closed_input(command: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
     """`-` with a closed standard input is one line."""
     monkeypatch.setattr(sys, "argv", ["islandgp", *command, "-"])

@@ -14,9 +14,10 @@ The kinds of nodes with their arguments come from `KINDS`, as those of `grammar/
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
+from math import ceil, floor
 from typing import Any, Final
 
 from islandgp.bt.core.kind import Argument, Sort
@@ -31,9 +32,7 @@ MAX_WORDS: Final = 100  # most characters of an explanation
 MAX_CHILDREN_NESTED: Final = 4  # most terms beside each other where brackets are allowed
 COARSE: Final = 10  # in JSON, thresholds of wider ranges are whole numbers
 _WORDS: Final = f"[A-Z][a-z ,]{{10,{MAX_WORDS}}}[.]"
-_DIGITS: Final = "[0-9]{0,24}"  # more decimals than numbers of trees have
-_ZEROS: Final = "[0]{0,3}"
-_ANY_NUMBER: Final = f"[-]?([0]|[1-9][0-9]{{0,5}})([.][0-9]{_DIGITS})?"
+_ANY_NUMBER: Final = "[-]?([0]|[1-9][0-9]{0,5})([.][0-9]{1,24})?"
 
 Parts = tuple[str, ...]
 """One alternative: names of rules, names of patterns in upper case, and literals in quotes."""
@@ -101,7 +100,7 @@ def answer_grammar(schema: Mapping[str, Any], tree: Grammar, rates: tuple[float,
     """
     rules: dict[str, tuple[Parts, ...]] = {"answer": ()}
     patterns = {**tree.patterns, "WORDS": _WORDS}
-    patterns["RATE"] = between(*rates).replace(_DIGITS, "[0-9]{0,1}")
+    patterns["RATE"] = between(*rates, decimals=2)
     rules["flag"], rules["text"] = (('"true"',), ('"false"',)), ((*_QUOTE, "WORDS", *_QUOTE),)
     rules["tree"] = ((*_QUOTE, next(iter(tree.rules)), *_QUOTE),)
     parts: list[str] = []
@@ -263,8 +262,8 @@ class _Writer:
             return "NUMBER"
         pattern = f"KEY{self.vocabulary.key_index[name]}"
         most = key.high if key.most is None else key.most
-        numbers = between(key.low, most, whole=key.whole or most - key.low > COARSE)
-        self.patterns[pattern] = numbers.replace(_DIGITS, "[0-9]{0,1}")
+        is_whole = key.whole or most - key.low > COARSE
+        self.patterns[pattern] = between(key.low, most, whole=is_whole, decimals=2)
         return pattern
 
     def _action(self, name: str, index: int) -> Parts:
@@ -302,102 +301,45 @@ class _Writer:
         return name
 
 
-def between(low: float, high: float, *, whole: bool = False) -> str:
-    """A pattern of the numbers from `low` to `high`, without exponents; `whole`: integers."""
+def between(low: float, high: float, *, whole: bool = False, decimals: int = 3) -> str:
+    """A pattern of the numbers from `low` to `high`, without exponents; `whole`: integers.
+
+    `decimals`: most decimals. With three or more it has longer numbers, too, other than those less
+    than 0.001 from the ends.
+    """
     choices: list[str] = []
-    lower, upper = Decimal(repr(float(low))), Decimal(repr(float(high)))
-    if lower < 0:
-        most = -min(upper, Decimal(0))
-        choices.append(f"[-]({_upwards(most, -lower, whole)})")
-    if upper >= 0:
-        choices.append(_upwards(max(lower, Decimal(0)), upper, whole))
+    for places in range(1 if whole else decimals + 1):
+        first, last = (Decimal(repr(float(end))).scaleb(places) for end in (low, high))
+        point = "[.]" if places else ""
+        for sign, least, most in (("", first, last), ("[-]", -last, -first)):
+            smallest = max(ceil(least), len(sign) and 1, 0)
+            ends = [(floor(most), ""), *[(ceil(most) - 1, "[0-9]{1,21}")] * (places >= 3)]
+            for largest, tail in ends:
+                for digits in _integers(smallest, largest, places + 1):
+                    at = len(digits) - places
+                    choices.append("".join((sign, *digits[:at], point, *digits[at:], tail)))
     return "|".join(choices)
 
 
-def _upwards(low: Decimal, high: Decimal, whole: bool) -> str:
-    """The numbers from `low` to `high`, both >= 0."""
-    tail = "" if whole else f"([.][0-9]{_DIGITS})?"
-    first, last = int(low), int(high)
-    below, above = (_decimals(each) for each in (low, high))
-    if whole:
-        return _integers(first + (low > first), last, "")
-    if first == last:
-        return _fractions(first, below, above)
-    choices = [_fractions(first, below, None), _fractions(last, "", above)]
-    if last - first > 1:
-        choices.append(_integers(first + 1, last - 1, tail))
-    return "|".join(choices)
+def _integers(low: int, high: int, length: int) -> Iterator[list[str]]:
+    """The integers from `low` to `high` as classes of digits; with zeros in front, of a length."""
+    if low > high:
+        return
+    for digits in range(max(length, len(str(low))), max(length, len(str(high))) + 1):
+        least = max(low, 10 ** (digits - 1) if digits > length else 0)
+        most = min(high, 10**digits - 1)
+        yield from _of_length(str(least).zfill(digits), str(most).zfill(digits))
 
 
-def _decimals(value: Decimal) -> str:
-    return format(value, "f").partition(".")[2].rstrip("0")
-
-
-def _classes(digits: str) -> str:
-    return "".join(f"[{digit}]" for digit in digits)
-
-
-def _integers(low: int, high: int, tail: str) -> str:
-    """The integers from `low` to `high`, each followed by `tail`."""
-    choices = []
-    for length in range(len(str(low)), len(str(high)) + 1):
-        least = str(max(low, 10 ** (length - 1) if length > 1 else 0))
-        most = str(min(high, 10**length - 1))
-        choices += _of_length(least, most)
-    return f"({'|'.join(choices)}){tail}"
-
-
-def _of_length(low: str, high: str) -> list[str]:
+def _of_length(low: str, high: str) -> list[list[str]]:
     """The digits between two texts of the same length."""
     if not low:
-        return [""]
+        return [[]]
     if low[0] == high[0]:
-        return [f"[{low[0]}]{rest}" for rest in _of_length(low[1:], high[1:])]
+        return [[f"[{low[0]}]", *rest] for rest in _of_length(low[1:], high[1:])]
     n = len(low) - 1
-    choices = [f"[{low[0]}]{rest}" for rest in _of_length(low[1:], "9" * n)]
-    choices += [f"[{high[0]}]{rest}" for rest in _of_length("0" * n, high[1:])]
+    choices = [[f"[{low[0]}]", *rest] for rest in _of_length(low[1:], "9" * n)]
+    choices += [[f"[{high[0]}]", *rest] for rest in _of_length("0" * n, high[1:])]
     if int(high[0]) - int(low[0]) > 1:
-        choices.append(f"[{int(low[0]) + 1}-{int(high[0]) - 1}]" + "[0-9]" * n)
+        choices.append([f"[{int(low[0]) + 1}-{int(high[0]) - 1}]", *["[0-9]"] * n])
     return choices
-
-
-def _fractions(whole: int, low: str, high: str | None) -> str:
-    """`whole` with decimals from `low` to `high`; None: below the next integer."""
-    if high is None:
-        tails = _from(low)
-    elif low:
-        tails = [*_inside(low, high), _classes(low) + _ZEROS]
-    else:
-        tails = _to(high)
-    return f"{_classes(str(whole))}([.]({'|'.join(tails)})){'' if low else '?'}"
-
-
-def _from(low: str) -> list[str]:
-    """Decimals of at least `low`, one digit or more."""
-    if not low:
-        return ["[0-9]" + _DIGITS]
-    larger = [
-        f"{_classes(low[:i])}[{int(d) + 1}-9]{_DIGITS}" for i, d in enumerate(low) if d != "9"
-    ]
-    return [*larger, _classes(low) + _DIGITS]
-
-
-def _to(high: str) -> list[str]:
-    """Decimals of at most `high`, one digit or more."""
-    if not high:
-        return ["[0]" + _ZEROS]
-    smaller = [
-        f"{_classes(high[:i])}[0-{int(d) - 1}]{_DIGITS}" for i, d in enumerate(high) if d != "0"
-    ]
-    return [*smaller, *(_classes(high[:i]) for i in range(1, len(high))), _classes(high) + _ZEROS]
-
-
-def _inside(low: str, high: str) -> list[str]:
-    """Decimals between two different ones, without some that end before the two differ."""
-    low = low.ljust(len(high), "0")
-    i = next(i for i, (a, b) in enumerate(zip(low, high, strict=False)) if a != b)
-    start, a, b = _classes(low[:i]), int(low[i]), int(high[i])
-    above = "|".join(_from(low[i + 1 :].rstrip("0")))
-    below = "|".join(_to(high[i + 1 :]))
-    between_both = [f"{start}[{a + 1}-{b - 1}]{_DIGITS}"] if b - a > 1 else []
-    return [f"{start}[{a}]({above})", *between_both, f"{start}[{b}]({below})?"]
