@@ -43,7 +43,6 @@ class Planned:
     folder: Path  # absolute, where the run keeps its records
     command: str  # that runs this job alone
     launcher: str  # the class name of Hydra's launcher
-    own_ray: bool = False  # True: the launcher starts a Ray cluster for this command
 
 
 def only_job(overrides: Sequence[str], config_dir: str | Path | None = None) -> Planned:
@@ -118,7 +117,6 @@ def _plan(
 ) -> Planned:
     """The job of a composed configuration. Raises ConfigError if it is invalid."""
     launcher = str(_component(composed.hydra, "launcher")["_target_"]).rpartition(".")[2]
-    own_ray = launcher == "RayLauncher" and composed.hydra.launcher.ray.init.get("address") is None
     _must_have_no_callbacks(composed.hydra)
     _must_leave_folders(composed.hydra)
     domain = composed.hydra.runtime.choices.get("domain")  # None: the first file names it
@@ -136,7 +134,6 @@ def _plan(
         run_folder(config, job_overrides, home),
         command_line([*flags, *job_overrides]),
         launcher,
-        own_ray,
     )
 
 

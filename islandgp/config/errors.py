@@ -130,7 +130,7 @@ Message = Callable[[re.Match[str], Sequence[str], ConfigSource], str]
 RULES: Final[tuple[tuple[str, str | Message], ...]] = (
     (r"Could not (?:override|delete from config\.) '([^'@]+)'(?! is )", _no_such_key),
     (
-        r"(?:load|find) 'hydra/launcher/(joblib|ray|submitit)\w*'",
+        r"(?:load|find) 'hydra/launcher/(joblib|submitit)\w*'",
         r"hydra/launcher: expected Hydra's \1 launcher, found it not installed;"
         r" pip install 'islandgp[\1]'",
     ),

@@ -58,8 +58,6 @@ def sweep_job(start: SweepStart) -> Callable[[DictConfig], None]:
         named = run_folder(plain, list(hydra.overrides.task), home)
         with tolerant_stderr():  # a separate process does not inherit the command's
             target = start.run(named)
-            if start.failed(target):
-                return  # it failed in this sweep before the launcher was restarted
             if not settings.keep_going and any(map(start.failed, start.runs())):
                 return
             fitted_settings = fitted(settings, hydra.launcher, len(start.jobs))
@@ -150,8 +148,6 @@ def workers_of(launcher: Mapping[str, Any], jobs: int) -> int:
         n = launcher["n_jobs"] or 1
         at_once = min(jobs, n if n > 0 else max(1, cores() + 1 + n))
         return max(1, cores() // at_once)
-    if kind == "RayLauncher":
-        return max(1, int(launcher["ray"].get("remote", {}).get("num_cpus", 1)))
     if kind == "LocalLauncher":  # submitit's, for trying it out
         return max(1, cores() // jobs)
     return 0

@@ -12,8 +12,7 @@ from collections.abc import Callable, Hashable, Mapping, Sequence
 from contextlib import ExitStack
 from functools import partial
 from pathlib import Path
-from time import monotonic, sleep
-from typing import Any, Final
+from typing import Any
 
 from hydra.core.override_parser.types import Quote, QuotedString
 from omegaconf import DictConfig
@@ -23,7 +22,6 @@ from islandgp.config.compose import Planned
 from islandgp.config.settings import Settings
 from islandgp.errors import ConfigError, RunError, brief
 from islandgp.evaluation.processes import end_with_parent
-from islandgp.evaluation.ray import own_token
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import identity_config, redacted
 from islandgp.running.parts import supervised_runs
@@ -40,10 +38,6 @@ Job = Callable[[DictConfig], Any]
 
 Launch = Callable[[Job, list[str]], None]
 """(job function, further overrides): starts Hydra with the job function."""
-
-ENDING: Final = 10.0  # s for a cluster to end a job
-LAUNCHES: Final = 3  # most starts of a launcher that fails
-
 
 Entries = dict[SweepFolder, dict[Path, SweepJob]]
 """The jobs of each sweep, by the folder named by a job's configuration.
@@ -80,7 +74,6 @@ def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
             _launch_all(jobs, entries, launch)
         except KeyboardInterrupt:
             interrupted = True
-        end_ray(entries)
     return finish_sweep(entries, [job.settings for job in jobs], interrupted)
 
 
@@ -147,63 +140,33 @@ def jobs_in(entries: Entries) -> list[tuple[RunFolder, SweepJob]]:
     ]
 
 
-def _launch_and_watch(path: Path, first: Planned, start: SweepStart, launch: Launch) -> None:
-    """Launches the jobs of the sweep in `path`, of which `first` is one; shows their progress."""
-    if first.launcher == "JoblibLauncher":
-        tie_joblib_workers()
-    if first.own_ray:
-        own_token()
-    place = QuotedString(str(path), Quote.single).with_quotes()
-    with Watch(start, "off" if first.launcher == "BasicLauncher" else first.settings.progress):
-        launch(sweep_job(start), [f"hydra.sweep.dir={place}"])
-
-
 def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> None:
-    """Launches the unfinished jobs; restarts a launcher that fails.
+    """Launches the unfinished jobs, and shows their progress.
 
     Raises:
         RunError: the launcher has not started any job.
     """
-    first = next(iter(entries))
+    first, path = jobs[0], next(iter(entries)).path
     start = SweepStart.now(
         {named: job for by_folder in entries.values() for named, job in by_folder.items()}
     )
-    started = _start_times(start)
-    for _ in range(LAUNCHES):
-        try:
-            _launch_and_watch(first.path, jobs[0], start, launch)
-            break
-        except Exception as error:
-            if _start_times(start) == started:
-                raise RunError(
-                    "Expected the launcher to start the jobs, found that it cannot:"
-                    f" {brief(error)}; change hydra.launcher, or choose another hydra/launcher."
-                ) from None
-            print(f"islandgp: the launcher failed ({brief(error)})", file=sys.stderr)
-        finally:
-            # Hydra writes the whole command into this message, including secrets.
-            (first.path / "multirun.yaml").unlink(missing_ok=True)
-        if all(run.finished() or start.failed(run) for run in start.runs()):
-            break
-
-
-def _start_times(start: SweepStart) -> list[int]:
-    """Time of each job's last start, ns since 1970; 0 if it was never started."""
-    files = (run.path / "about.json" for run in start.runs())
-    return [file.stat().st_mtime_ns if file.exists() else 0 for file in files]
-
-
-def end_ray(entries: Entries) -> None:
-    """Ends the jobs of Ray's launcher, which keep running after an interrupt."""
-    ray = sys.modules.get("ray")
-    if ray is None or not ray.is_initialized():
-        return
-    ray.shutdown()
-    end = monotonic() + ENDING
-    while monotonic() < end:
-        if not any(run.status() is Status.RUNNING for run, _ in jobs_in(entries)):
-            break
-        sleep(0.2)
+    begun = [run.begun() for run in start.runs()]
+    if first.launcher == "JoblibLauncher":
+        tie_joblib_workers()
+    place = QuotedString(str(path), Quote.single).with_quotes()
+    try:
+        with Watch(start, "off" if first.launcher == "BasicLauncher" else first.settings.progress):
+            launch(sweep_job(start), [f"hydra.sweep.dir={place}"])
+    except Exception as error:
+        if begun == [run.begun() for run in start.runs()] and not all(begun):
+            raise RunError(
+                "Expected the launcher to start the jobs, found that it cannot:"
+                f" {brief(error)}; change hydra.launcher, or choose another hydra/launcher."
+            ) from None
+        print(f"islandgp: the launcher failed ({brief(error)})", file=sys.stderr)
+    finally:
+        # Hydra writes the whole command into this message, including secrets.
+        (path / "multirun.yaml").unlink(missing_ok=True)
 
 
 def _send(entries: Entries, settings: Sequence[Settings]) -> None:

@@ -230,16 +230,3 @@ def test_a_joblib_sweep_that_is_killed_leaves_no_worker(tmp_path: Path) -> None:
     code, output = finish(start(tmp_path, *overrides))
     assert code == 0, output
     assert list(tmp_path.rglob("error.txt")) == []
-
-
-@pytest.mark.slow
-def test_ctrl_c_stops_a_sweep_on_ray(tmp_path: Path) -> None:
-    """Ray's workers do not hear of Ctrl-C; they are ended, and nothing stays RUNNING."""
-    pytest.importorskip("hydra_plugins.hydra_ray_launcher")
-    process = start(tmp_path, *SLOW, "hydra/launcher=cluster", "seed=0,1", "-m")
-    wait_until(lambda: any(tmp_path.rglob("checkpoint.json")), process)
-    process.send_signal(signal.SIGINT)
-    code, output = finish(process)
-    assert code == 130, output
-    assert group_members(process.pid) == []
-    assert {run.status for run in tracked(store(tmp_path))} == {"KILLED"}
