@@ -3,13 +3,10 @@
 from __future__ import annotations
 
 import json
-import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import closing
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict
 from functools import partial
 from pathlib import Path
-from statistics import fmean
 from typing import Any, Final
 
 import click
@@ -17,52 +14,15 @@ import click
 from islandgp.commands.files import OUTPUT, STDIN, write_text
 from islandgp.commands.options import with_config_dir_option, with_workers_option
 from islandgp.commands.tables import Column, print_table, standard_output
-from islandgp.compare.library import reference_trees
-from islandgp.errors import ConfigError, RunError
-from islandgp.evaluation.base import Evaluator, Problem, evaluated
-from islandgp.evaluation.perturbation import recorded_perturbation
+from islandgp.compare.best_trees import Row, best_rows
+from islandgp.errors import RunError
 from islandgp.evaluation.processes import Processes, cores
-from islandgp.evolution.candidates import Candidate, CandidatesByFitness
-from islandgp.evolution.validation import validate, validation_seeds
 from islandgp.gate import cleaned
-from islandgp.intervals import interval
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import TASK
-from islandgp.scoring.classes import Classes, tiers
-from islandgp.scoring.constraints import Constraints, feasible_share, recorded_constraints
-from islandgp.seeding import Stream
 from islandgp.text import in_interval, in_points, title
 
 TIMEOUT: Final = 600.0  # time limit of an episode, s
-EFFORT: Final = 20
-"""Episodes of successive halving for each of --worlds."""
-
-
-@dataclass(frozen=True, slots=True)
-class Row:
-    """A tree in the test worlds."""
-
-    name: str
-    mean: float  # points, mean over the worlds
-    low: float  # 95 % interval of the mean
-    high: float
-    reached: dict[str, float]  # by milestone: share of the worlds
-    difference: float  # points, mean of the paired differences to the first row
-    difference_low: float  # its 95 % interval
-    difference_high: float
-    evolved: bool  # False: a tree of the library
-    tree: str
-    feasible: float | None = None  # share of the worlds in which it keeps all constraints
-    perturbed: float | None = None  # points, mean over the worlds after their perturbation
-    perturbed_worst: float | None = None  # points, the lowest of these
-
-
-@dataclass(frozen=True, slots=True)
-class UnseenWorlds:
-    """Test worlds for the final evaluation of trees."""
-
-    stage: int  # of the curriculum, from 0
-    worlds: tuple[int, ...]  # world seeds
 
 
 @click.command()
@@ -107,13 +67,8 @@ def command(
     if front:
         _show_front(runs, nodes, output, as_json)
         return
-    config = runs[0].configuration()
-    processes = partial(Processes, workers=workers or cores(), episode_timeout=TIMEOUT)
-    with closing(processes(Problem.recorded(config))) as evaluator:
-        rows, test = _rows(runs, evaluator, tier or "", worlds)
-    if recorded_perturbation(config) is not None:
-        with closing(processes(Problem.recorded(config, perturbed=True))) as evaluator:
-            rows = _with_perturbed(rows, evaluator, test)
+    make = partial(Processes, workers=workers or cores(), episode_timeout=TIMEOUT)
+    rows = best_rows(runs, make, tier or "", worlds)
     if output is not None:
         write_text(output, rows[0].tree)
     if as_json:
@@ -199,101 +154,6 @@ def _finished(path: Path) -> list[RunFolder]:
                     f" {runs[0].path.name} and {run.path.name}; give a run's own folder."
                 )
     return runs
-
-
-def _rows(
-    runs: Sequence[RunFolder], evaluator: Evaluator, tier: str, worlds: int
-) -> tuple[list[Row], UnseenWorlds]:
-    """The rows, the winner first and then by mean in validation worlds; and the test worlds."""
-    config = runs[0].configuration()
-    classes, seed = Classes.model_validate(config["classes"]), int(config["seed"])
-    if tier and tier not in classes.tiers:
-        raise ConfigError(f"--tier: expected one of {', '.join(classes.tiers)}, found {tier!r}")
-    constraints = recorded_constraints(config)
-    contenders = _candidates(runs, classes, tier, constraints)
-    used_worlds = frozenset(world for run in runs for world in _used_worlds(run))
-    stage = max(record["snapshot"]["stage"] for run in runs for record in run.records())
-    race = validation_seeds(seed, used_worlds, EFFORT * worlds)
-    finalists = validate(
-        contenders,
-        race,
-        evaluator,
-        stage,
-        classes,
-        episodes=EFFORT * worlds,
-        constraints=constraints,
-    )
-    test = validation_seeds(seed, used_worlds.union(race), worlds, Stream.TEST)
-    names: dict[str, str] = {}  # of the run's or sweep's trees
-    for candidate, _ in finalists[:3]:
-        names.setdefault(candidate.tree, candidate.id)
-    if len(runs) == 1:
-        champion = runs[0].summary()["champion"]
-        name = names.get(champion["tree"], champion["record"]["id"])
-        names[champion["tree"]] = f"{name}, the run's best robot"
-    library = {tree: f"library: {name}" for name, tree in reference_trees(config).items()}
-    labels = {**names, **{tree: name for tree, name in library.items() if tree not in names}}
-    outcomes = evaluated(evaluator, list(labels), stage, test)
-    rows = []
-    for (tree, label), episodes in zip(labels.items(), outcomes, strict=True):
-        reached = [tiers(outcome, classes) for outcome in episodes]
-        pairs = zip(episodes, outcomes[0], strict=True)
-        row = Row(
-            label,
-            *interval([outcome.fitness for outcome in episodes]),
-            {m: fmean(m in r for r in reached) for m in classes.milestones},
-            *interval([own.fitness - first.fitness for own, first in pairs]),
-            tree in names,
-            tree,
-            feasible_share([o.counters for o in episodes], constraints) if constraints else None,
-        )
-        rows.append(row)
-    return rows, UnseenWorlds(stage, test)
-
-
-def _with_perturbed(rows: Sequence[Row], evaluator: Evaluator, test: UnseenWorlds) -> list[Row]:
-    """The rows with the trees' points in the perturbed test worlds."""
-    outcomes = evaluated(evaluator, [row.tree for row in rows], test.stage, test.worlds)
-    points = [[outcome.fitness for outcome in values] for values in outcomes]
-    return [
-        replace(row, perturbed=fmean(values), perturbed_worst=min(values))
-        for row, values in zip(rows, points, strict=True)
-    ]
-
-
-def _candidates(
-    runs: Sequence[RunFolder], classes: Classes, tier: str, constraints: Constraints
-) -> list[Candidate]:
-    """All trees of a run's last stage, or the best robot of each run of a sweep."""
-    if len(runs) == 1:
-        everyone = CandidatesByFitness(
-            classes, most=sys.maxsize, top=sys.maxsize, tier=tier, constraints=constraints
-        )
-        if not (trees := everyone.best_of(runs[0].records())):
-            raise RunError(
-                f"Expected {tier} robots in the last stage of {runs[0].path}, found none."
-            )
-        return trees
-    if tier:
-        raise ConfigError("--tier: expected a run's own folder with it, found a sweep's")
-    best: dict[str, Candidate] = {}
-    for run in runs:
-        champion = run.summary()["champion"]
-        record = champion["record"]
-        name = f"{run.path.name}, {record['id']}"
-        new = Candidate(champion["generation"], name, champion["tree"], record["fitness"])
-        best.setdefault(new.tree, new)
-    return list(best.values())
-
-
-def _used_worlds(run: RunFolder) -> Iterator[int]:
-    """The worlds of a run's training, choice and test."""
-    for record in run.records():
-        yield from record["worlds"]
-    champion = run.summary()["champion"]
-    yield from champion["chosen_in"]
-    if champion["validation"] is not None:
-        yield from champion["validation"]["worlds"]
 
 
 def _print(rows: Sequence[Row], worlds: int) -> None:

@@ -32,7 +32,7 @@ def command(file: str, seed: int, begin: float, end: float, episode: EpisodeOpti
         raise click.UsageError(f"expected --from before --to, found {begin:g} and {end:g}")
     from rich.console import Console
 
-    from islandgp.viewer.trace import components, courses, drawn, timeline
+    from islandgp.viewer.trace import blackboard_sparklines, components, drawn, timeline
 
     recording = recorded(file, seed, episode)
     console = Console(soft_wrap=True, highlight=False)
@@ -45,7 +45,7 @@ def command(file: str, seed: int, begin: float, end: float, episode: EpisodeOpti
     console.print()
     for line in timeline(recording, begin, end):
         console.print(line)
-    for part in (courses(recording), components(recording)):
+    for part in (blackboard_sparklines(recording), components(recording)):
         console.print()
         for text in part:
             console.print(text)

@@ -6,7 +6,6 @@ import re
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from difflib import get_close_matches
 from typing import Any, Final
 
 import yaml
@@ -293,13 +292,8 @@ def _nothing(name: str, selection: Selection, runs: Sequence[RunEntry], unfinish
             f"Expected finished runs for {name}={selection.text!r}, found {unfinished} unfinished"
             " ones; start the same sweep again to finish them."
         )
-    keys = sorted({key for run in runs for key in run.flat})
-    hints = []
-    for key in sorted(selection.keys - set(keys)):
-        near = get_close_matches(key, [*keys, *SHORT_KEYS], 1, 0.5)
-        hints.append(f" There is no key {key}{f', did you mean {near[0]}?' if near else '.'}")
-    if SHORT_KEYS.get(name, name) in keys:  # the arm's own name was forgotten
-        hints.append(f' Did you mean --arm NAME="{name}={selection.text}"?')
+    keys = {*SHORT_KEYS, *(key for run in runs for key in run.flat)}
+    hints = [f" There is no key {key}." for key in sorted(selection.keys - keys)]
     table = overview(runs)
     return f"Expected runs for {name}={selection.text!r}, found none.{''.join(hints)}\n" + (
         "There are:\n  " + "\n  ".join(table) if table else "There are no runs at all."

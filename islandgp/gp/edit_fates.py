@@ -19,7 +19,7 @@ class EditFate:
     generation: int  # after which it was advised
     trial: EditTrial | None = None  # in the next generation; None: refused or not yet evaluated
     children: int = 0  # individuals with its tree as a parent
-    lived: int = 0  # generations until its last descendant; 0: no descendants
+    survived_generations: int = 0  # generations until its last descendant; 0: no descendants
 
     @property
     def gain(self) -> float | None:
@@ -45,7 +45,7 @@ def edit_fates(records: Iterable[GenerationRecord]) -> list[EditFate]:
                 k = place[name]
                 fates[k] = replace(fates[k], children=fates[k].children + 1)
             for k in descends:
-                fates[k] = replace(fates[k], lived=g - fates[k].generation - 1)
+                fates[k] = replace(fates[k], survived_generations=g - fates[k].generation - 1)
             if i.origin == Origin.EDITED and waiting:
                 place[i.id] = k = waiting.pop(0)
                 fates[k] = replace(fates[k], trial=trials.get(i.id))

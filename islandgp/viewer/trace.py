@@ -166,7 +166,7 @@ def _guards(tree: Node) -> list[str]:
     return guards
 
 
-def courses(recording: Recording) -> Iterator[str]:
+def blackboard_sparklines(recording: Recording) -> Iterator[str]:
     """The blackboard over time, one line of block characters per key."""
     keys = recording.schema.vocabulary.keys
     wide = max(map(len, keys), default=0) + 2

@@ -110,16 +110,10 @@ def test_a_range_that_is_none() -> None:
         parse_selection("seed=range")
 
 
-def test_an_unknown_key_is_named_with_the_nearest() -> None:
+def test_an_unknown_key_is_named() -> None:
     """A mistyped key and a value that no run has give different messages."""
-    with pytest.raises(StudyError, match="no key supervisr, did you mean supervisor"):
+    with pytest.raises(StudyError, match=r"no key supervisr\."):
         select_arms(["x=supervisr=expert"], [_entry()])
-
-
-def test_an_arm_without_a_name_is_reported() -> None:
-    """What is before the first = is the name, even where it looks like a key."""
-    with pytest.raises(StudyError, match='Did you mean --arm NAME="supervisor=expert"'):
-        select_arms(["supervisor=expert"], [_entry()])
 
 
 def test_unfinished_runs_are_left_out_and_named(tmp_path: Path) -> None:

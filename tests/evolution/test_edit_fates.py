@@ -61,10 +61,10 @@ RUN = [
 def test_fates() -> None:
     """Gain over the parent, children of the edited tree itself, and generations of descendants."""
     good, refused, bad = edit_fates(RUN)
-    assert (good.gain, good.children, good.lived) == (4, 3, 2)
+    assert (good.gain, good.children, good.survived_generations) == (4, 3, 2)
     assert (refused.trial, refused.gain, refused.children) == (None, None, 0)
     assert refused.edit.refused == "no"
-    assert (bad.gain, bad.children, bad.lived) == (-2, 0, 0)
+    assert (bad.gain, bad.children, bad.survived_generations) == (-2, 0, 0)
     assert [fate.generation for fate in (good, refused, bad)] == [0, 0, 0]
 
 

@@ -15,7 +15,7 @@ from islandgp.bt.core.node import size
 from islandgp.commands.tables import GAP, Column, numbers, parts
 from islandgp.resources import resource
 from islandgp.viewer.recording import IDLE, record
-from islandgp.viewer.trace import ELLIPSIS, action_spans, courses, drawn, merged, timeline
+from islandgp.viewer.trace import ELLIPSIS, action_spans, blackboard_sparklines, drawn, merged, timeline
 from tests.trees.shell import Cli
 from tests.viewer.episodes import island, small
 
@@ -193,7 +193,7 @@ def test_trace_has_every_call() -> None:
     )
     assert won == pytest.approx(credited)
     assert len(drawn(recording).plain.splitlines()) == size(recording.tree)
-    assert len(list(courses(recording))) == 5
+    assert len(list(blackboard_sparklines(recording))) == 5
 
 
 def test_trace_between(islandgp: Cli) -> None:
