@@ -135,7 +135,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     runs: str = Field(min_length=1)
     resume: Literal["auto", "never", "force"]
     keep_going: bool = True  # of a sweep, after a job has failed
-    progress: Literal["auto", "plain", "off"]
+    progress: Literal["plain", "off"]
     tags: dict[Annotated[str, Field(pattern=TAG)], TagValue] = Field(default_factory=dict)
     start: str | None = Field(None, min_length=1)
     """First trees of generation 0: a .bt file, or a finished run, whose archive is used."""

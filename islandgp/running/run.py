@@ -77,7 +77,6 @@ def run(
     *,
     home: Path,
     command: str = "",
-    keep_display: bool = True,
     on_generation: OnGeneration | None = None,
 ) -> RunResult:
     """Runs an experiment, or continues an interrupted run.
@@ -88,7 +87,6 @@ def run(
         folder: of the run.
         home: working folder of the command.
         command: that repeats the run, for its metadata.
-        keep_display: True: the live display stays on the terminal.
         on_generation: called with each generation's record, those of a resumed run included.
 
     Returns:
@@ -113,7 +111,7 @@ def run(
         if target.finished():  # another process may have finished it before the folder was locked
             return _complete(target, tracker, settings)
         return _evolve_tracked(
-            _OpenRun(settings, plan, cost, target, supervisor, tracker, keep_display, on_generation)
+            _OpenRun(settings, plan, cost, target, supervisor, tracker, on_generation)
         )
     except _CallbackError as stop:
         raise stop.error from None
@@ -131,7 +129,6 @@ class _OpenRun:
     target: RunFolder
     supervisor: Supervisor
     tracker: Tracker
-    keep_display: bool
     on_generation: OnGeneration | None
 
     def report(self, record: GenerationRecord) -> None:
@@ -230,7 +227,6 @@ def _evolve(run: _OpenRun) -> RunTotals:
         settings.classes.milestones,
         rate="rate" in settings.search.factory.uses,
         done=done,
-        keep=run.keep_display,
     )
 
     def write(step: Step) -> None:
@@ -266,7 +262,8 @@ def _keep(
     step: Step | None = None
     writing: Future[None] = Future()
     writing.set_result(None)
-    with ThreadPoolExecutor(1, "writer") as writer, progress:
+    with ThreadPoolExecutor(1, "writer") as writer:
+        progress.begin()
         for step in steps:
             writing.result()
             writing = writer.submit(write, step)

@@ -88,7 +88,7 @@ def attempt(
     if alone:
         print(sweep_line(start, target), file=sys.stderr, flush=True)
     try:
-        run(settings, config, target.path, home=home, command=command, keep_display=False)
+        run(settings, config, target.path, home=home, command=command)
     except BusyError as error:  # another process has the folder, so nothing is written
         print(f"islandgp: {error}", file=sys.stderr)
     except Exception as error:  # must not end the other jobs

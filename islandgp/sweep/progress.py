@@ -108,8 +108,8 @@ def job_line(run: RunFolder) -> str:
 class Watch:
     """Shows the line while a launcher is at work. A context manager."""
 
-    def __init__(self, start: SweepStart, mode: Literal["auto", "plain", "off"]) -> None:
-        """`auto` and `plain`: a line whenever a job has ended."""
+    def __init__(self, start: SweepStart, mode: Literal["plain", "off"]) -> None:
+        """`plain`: a line whenever a job has ended."""
         self.start = start
         self.mode = mode
         self._over = Event()

@@ -2,17 +2,13 @@
 
 from __future__ import annotations
 
-import re
-import sys
-from io import StringIO
 from pathlib import Path
 
 import pytest
-from rich.console import Console
 
 from islandgp.records.folder import RunFolder
 from islandgp.resources import program
-from islandgp.running.progress import Progress, columns, duration, fitting, row
+from islandgp.running.progress import Progress, columns, duration, row
 from islandgp.sweep.folder import SweepJob
 from islandgp.sweep.progress import SweepStart, sweep_line
 from tests.samples import CLASSES
@@ -44,12 +40,13 @@ def test_durations_are_for_people(seconds: float, text: str) -> None:
     assert duration(seconds) == text
 
 
-def test_plain_lines_where_there_is_no_terminal(capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_line_a_generation(capsys: pytest.CaptureFixture[str]) -> None:
     """A title, a head, and one aligned line a generation, on the error stream."""
     all_steps = steps()
-    with Progress("auto", 5, "a title", MILESTONES) as progress:
-        for step in all_steps:
-            progress.show(step)
+    progress = Progress("plain", 5, "a title", MILESTONES)
+    progress.begin()
+    for step in all_steps:
+        progress.show(step)
     out, err = capsys.readouterr()
     title, head, *lines = err.splitlines()
     assert (out, title) == ("", "a title")
@@ -60,15 +57,17 @@ def test_plain_lines_where_there_is_no_terminal(capsys: pytest.CaptureFixture[st
 
 def test_a_resumed_run_shows_where_it_continues(capsys: pytest.CaptureFixture[str]) -> None:
     """The title names the generation; the rest of the run is what is still to come."""
-    with Progress("plain", 5, "a title", MILESTONES, done=3) as progress:
-        progress.show(steps()[3])
+    progress = Progress("plain", 5, "a title", MILESTONES, done=3)
+    progress.begin()
+    progress.show(steps()[3])
     assert "a title (from generation 3)" in capsys.readouterr().err
 
 
 def test_progress_off_is_silent(capsys: pytest.CaptureFixture[str]) -> None:
     """Nothing on either stream."""
-    with Progress("off", 5, "a title", MILESTONES) as progress:
-        progress.show(steps()[0])
+    progress = Progress("off", 5, "a title", MILESTONES)
+    progress.begin()
+    progress.show(steps()[0])
     assert capsys.readouterr() == ("", "")
 
 
@@ -95,59 +94,6 @@ def test_the_rate_has_a_column_only_if_the_search_uses_it() -> None:
     names = list(columns(MILESTONES, rate=False))
     assert names == [name for name in columns(MILESTONES) if name != "mutation"]
     assert len(row(steps()[1], 5, 60, MILESTONES, rate=False)) == len(names)
-
-
-@pytest.mark.parametrize("room", [8, 40, 60, 80, 200])
-def test_a_narrow_terminal_has_fewer_columns(room: int) -> None:
-    """What is shown fits and keeps its order; what is left out is known; nothing is lost."""
-    widths = columns(MILESTONES)
-    visible, hidden = fitting(widths, room)
-    assert sum(widths[name] + 1 for name in visible) - 1 <= max(room, widths["generation"])
-    assert sorted([*visible, *hidden]) == sorted(widths)
-    assert visible == [name for name in widths if name in visible]
-    assert visible[0] == "generation"
-    assert bool(hidden) == (room < 100)
-
-
-def test_the_live_table_names_the_columns_that_it_leaves_out(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
-    """At 40 columns no cell is cut, and a line names what is not shown."""
-
-    class Terminal(StringIO):
-        def isatty(self) -> bool:
-            return True
-
-    terminal = Terminal()
-    monkeypatch.setattr(sys, "stderr", terminal)
-    monkeypatch.setenv("COLUMNS", "40")
-    monkeypatch.setenv("TERM", "xterm")
-    with Progress("auto", 5, "a title", MILESTONES) as progress:
-        for step in steps():
-            progress.show(step)
-    screen = re.sub(r"\x1b\[[0-9;?]*[a-zA-Z]", "", terminal.getvalue())
-    screen = screen.rpartition("a title")[2]
-    best = [f"{step.record.snapshot.fitness_max:,.0f}" for step in steps()]
-    assert all(f" {number} " in screen for number in best)
-    hidden = fitting(columns(MILESTONES), 40)[1]
-    assert f"no room for {', '.join(hidden)}" in " ".join(screen.split())
-    assert "…" not in screen
-    assert max(map(len, screen.splitlines())) <= 40
-
-
-@pytest.mark.parametrize(("height", "generations"), [(5, 3), (20, 16), (60, 40)])
-def test_the_live_table_takes_the_height_of_the_terminal(height: int, generations: int) -> None:
-    """The last generations, as many as fit; not fewer than three."""
-    progress = Progress("off", 40, "a title", MILESTONES)
-    progress.rows = [(f"{n}/39", *[""] * (len(progress.columns) - 1)) for n in range(40)]
-    console = Console(file=StringIO(), width=100, height=height)
-    with console.capture() as capture:
-        console.print(progress.drawn(height))
-    lines = capture.get().splitlines()
-    assert [n for n in range(40) if any(f" {n}/39 " in line for line in lines)] == [
-        *range(40 - generations, 40)
-    ]
-    assert len(lines) <= max(height, 7)
 
 
 def test_hints_name_a_command_that_can_be_given(
