@@ -27,17 +27,14 @@ class SweepStart:
     at: float  # s since 1970, by this process's clock
     jobs: dict[Path, SweepJob]  # by the folder named by their configuration
     before: int  # generations that existed before
-    errors: dict[str, tuple[int, int]]  # error files that existed before, by path
 
     @classmethod
     def now(cls, jobs: dict[Path, SweepJob]) -> Self:
-        """The state of a sweep that starts now."""
-        start = cls(time(), jobs, 0, {})
-        return replace(
-            start,
-            before=sum(run.completed_generations() for run in start.runs()),
-            errors={str(run.path): file for run in start.runs() if (file := _error_file(run))},
-        )
+        """The state of a sweep that starts now. Removes earlier errors of its jobs."""
+        start = cls(time(), jobs, 0)
+        for run in start.runs():
+            (run.path / "error.txt").unlink(missing_ok=True)
+        return replace(start, before=sum(run.completed_generations() for run in start.runs()))
 
     def run(self, named: Path) -> RunFolder:
         """The folder in which the job whose configuration names `named` runs."""
@@ -49,8 +46,7 @@ class SweepStart:
 
     def failed(self, run: RunFolder) -> bool:
         """True if a job has failed since the start."""
-        file = _error_file(run)
-        return file is not None and file != self.errors.get(str(run.path))
+        return (run.path / "error.txt").exists()
 
 
 def sweep_line(start: SweepStart, beginning: RunFolder | None = None) -> str:
@@ -78,15 +74,6 @@ def sweep_line(start: SweepStart, beginning: RunFolder | None = None) -> str:
     if not new:
         return line
     return f"{line}, {duration((time() - start.at) * (total - generations) / new)} left"
-
-
-def _error_file(run: RunFolder) -> tuple[int, int] | None:
-    """Inode and time of change of a run's error file; None if there is none."""
-    try:
-        status = (run.path / "error.txt").stat()
-    except OSError:
-        return None
-    return status.st_ino, status.st_mtime_ns
 
 
 def job_line(run: RunFolder) -> str:
