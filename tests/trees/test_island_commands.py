@@ -15,7 +15,14 @@ from islandgp.bt.core.node import size
 from islandgp.commands.tables import GAP, Column, numbers, parts
 from islandgp.resources import resource
 from islandgp.viewer.recording import IDLE, record
-from islandgp.viewer.trace import ELLIPSIS, action_spans, blackboard_sparklines, drawn, merged, timeline
+from islandgp.viewer.trace import (
+    ELLIPSIS,
+    action_spans,
+    blackboard_sparklines,
+    drawn,
+    merged,
+    timeline,
+)
 from tests.trees.shell import Cli
 from tests.viewer.episodes import island, small
 
