@@ -150,7 +150,8 @@ def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> No
     start = SweepStart.now(
         {named: job for by_folder in entries.values() for named, job in by_folder.items()}
     )
-    begun = [run.begun() for run in start.runs()]
+    abouts = [run.path / "about.json" for run in start.runs()]
+    before = [file.exists() for file in abouts]
     if first.launcher == "JoblibLauncher":
         tie_joblib_workers()
     place = QuotedString(str(path), Quote.single).with_quotes()
@@ -158,7 +159,7 @@ def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> No
         with Watch(start, "off" if first.launcher == "BasicLauncher" else first.settings.progress):
             launch(sweep_job(start), [f"hydra.sweep.dir={place}"])
     except Exception as error:
-        if begun == [run.begun() for run in start.runs()] and not all(begun):
+        if before == [file.exists() for file in abouts] and not all(before):
             raise RunError(
                 "Expected the launcher to start the jobs, found that it cannot:"
                 f" {brief(error)}; change hydra.launcher, or choose another hydra/launcher."
