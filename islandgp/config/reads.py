@@ -8,10 +8,13 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Collection, Iterator, Sequence
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final, cast
 
-from islandgp.config.settings import Settings
-from islandgp.errors import ConfigError
+from omegaconf import OmegaConf
+
+from islandgp.config.errors import USER_ERRORS
+from islandgp.config.settings import Settings, read_settings
+from islandgp.errors import ConfigError, IslandError
 from islandgp.gp.plan import RUN_READS, is_read
 from islandgp.records.parameters import key_of
 
@@ -91,6 +94,31 @@ def must_be_read(jobs: Sequence[Planned], source: ConfigSource) -> None:
 
 
 def _unread(settings: Settings, dead: Sequence[str], source: ConfigSource) -> str:
-    from islandgp.config.unread import unread  # only for a message
+    """The sentence that a configuration does not read keys, with a choice that does."""
+    names = ", ".join(dead)
+    if "gp.generations" in dead:
+        return f"budget.episodes={settings.budget.episodes} sets gp.generations; leave one out."
+    group = dead[0].partition(".")[0]
+    choice = f"search={settings.search.name}"
+    if group in ("library", "supervisor"):
+        choice += f" with supervisor={settings.supervisor.name}"
+    other = next(_choices(settings, dead, source), "")
+    remedy = f"{other} does; choose it, or leave the key out." if other else "leave it out."
+    return f"{choice} does not read {names}; {remedy}"
 
-    return unread(settings, dead, source)
+
+def _choices(settings: Settings, dead: Sequence[str], source: ConfigSource) -> Iterator[str]:
+    """The options of `search`, then of `supervisor`, with which a run reads these keys."""
+    for group in ("search", "supervisor"):
+        for option in source.options(group):
+            try:
+                composed = source.compose([f"{group}={option}"])
+                OmegaConf.set_struct(composed, value=False)
+                del composed["hydra"]  # its values are resolved only when Hydra runs
+                values = cast(dict[str, Any], OmegaConf.to_container(composed, resolve=True))
+                other = read_settings(values)
+            except (*USER_ERRORS, IslandError):  # it needs more than this choice
+                continue
+            keys = keys_read(settings.model_copy(update={group: getattr(other, group)}))
+            if all(acts(key, keys) for key in dead):
+                yield f"{group}={option}"
