@@ -20,13 +20,14 @@ from random import Random
 from tempfile import TemporaryDirectory
 from typing import Final, NamedTuple
 
-from islandgp.bt.core.arithmetic import Formula, Named, Operation, Term
+from islandgp.bt.core.arithmetic import SIGNS, Formula, Named, Operation, Term, negative
 from islandgp.bt.core.condition import (
     FLAG_OPERATORS,
     OPERATORS,
     Condition,
     ConditionExpr,
     combine,
+    comparison,
     negate,
     terms,
     with_term,
@@ -180,13 +181,17 @@ def cases_with(kind: str, number: int) -> Iterator[Case]:
 
 
 def comparing_keys(number: int) -> Iterator[Case]:
-    """Random trees that mostly compare numbers with each other, and not with a constant."""
+    """Random trees that mostly compare numbers with each other, and calculate with them."""
     numbers = [name for name, key in VOCABULARY.keys.items() if not key.flag]
     rng = Random("keys")
 
     def pair() -> Condition:
-        left, right = rng.sample(numbers, 2)
-        return Condition(left, rng.choice(OPERATORS), 0.0, right)
+        left, right, third = rng.sample(numbers, 3)
+        if rng.random() < 0.5:
+            return Condition(left, rng.choice(OPERATORS), 0.0, right)
+        product = Operation("*", (rng.choice([0.5, 2.0, -1.0]), left))
+        total = Operation(rng.choice(SIGNS), (product, right))
+        return comparison(total, rng.choice(OPERATORS), rng.choice([third, 1.0, negative(third)]))
 
     def changed(expr: ConditionExpr) -> ConditionExpr:
         for index, _ in enumerate(terms(expr)):
