@@ -345,6 +345,13 @@ def _model(tag: str, name: str, ports: Sequence[str], comment: str = "") -> Iter
         yield f"    </{tag}>"
 
 
+def _needs_brackets(part: ConditionExpr) -> bool:
+    """True for a part of && or || that needs them: the library mixes no sum with `!`."""
+    if isinstance(part, Compound):
+        return part.word != "not"
+    return not part.single and not (part.divides and part.operator in NOT_A_NUMBER)
+
+
 def _script(expr: ConditionExpr) -> str:
     """A condition in the library's script language, in which && and || have equal precedence."""
     if isinstance(expr, Condition):
@@ -353,8 +360,7 @@ def _script(expr: ConditionExpr) -> str:
         flag = {"is": expr.key, "not": f"!{expr.key}"}.get(expr.operator)
         return flag or condition_text(expr)
     inside = [
-        f"({_script(part)})" if isinstance(part, Compound) and part.word != "not" else _script(part)
-        for part in expr.parts
+        f"({_script(part)})" if _needs_brackets(part) else _script(part) for part in expr.parts
     ]
     if expr.word == "not":
         return f"!{inside[0]}" if inside[0].startswith("(") else f"!({inside[0]})"
