@@ -14,10 +14,8 @@ from statistics import fmean, stdev
 from typing import Any
 
 import islandgp
-from islandgp.bt.analysis.lint import warnings
 from islandgp.bt.core.node import size
 from islandgp.scoring.classes import tiers
-from islandgp.scoring.constraints import mean_violation
 
 RESULTS = Path(__file__).parent / "results"
 UNSEEN = range(500_000, 500_200)  # world seeds
@@ -49,8 +47,7 @@ def robot(overrides: Sequence[str], config_dir: str | None, seed: int) -> dict[s
 
     Returns:
         `nodes` before and after; `difference` in unseen worlds, as a share of the mean size of the
-        fitness before; `lost`, the largest loss of a tier's share of these worlds; `violation`, how
-        much more constraints are violated; `warnings` of `check`.
+        fitness before; `lost`, the largest loss of a tier's share of these worlds.
     """
     experiment = islandgp.compose(
         *overrides, f"seed={seed}", "name=pruning", "tracking=off", "progress=off",
@@ -70,13 +67,10 @@ def robot(overrides: Sequence[str], config_dir: str | None, seed: int) -> dict[s
         for outcomes in (before, after)
     ]
     points = [fmean(o.fitness for o in outcomes) for outcomes in (before, after)]
-    violations = [mean_violation(outcomes, settings.constraints) for outcomes in (before, after)]
     return {
         "nodes": [size(tree) for tree in trees],
         "difference": (points[1] - points[0]) / (fmean(abs(o.fitness) for o in before) or 1.0),
         "lost": max(shares[0][name] - shares[1][name] for name in settings.classes.tiers),
-        "violation": violations[1] - violations[0],
-        "warnings": len(warnings(champion["tree"], experiment.plan.vocabulary)),
     }
 
 
@@ -87,10 +81,9 @@ def row(name: str, robots: Sequence[Mapping[str, Any]]) -> str:
     half = 2.09 * stdev(shares) / sqrt(len(shares)) if len(shares) > 1 else float("nan")
     mean = fmean(shares)
     lost = max(robot["lost"] for robot in robots)
-    warned = sum(robot["warnings"] for robot in robots)
     return (
         f"| {name} | {len(robots)} | {fmean(before):.1f} | {fmean(after):.1f} | {max(after)}"
-        f" | {mean:+.2f} % [{mean - half:+.2f}, {mean + half:+.2f}] | {lost:.1%} | {warned} |"
+        f" | {mean:+.2f} % [{mean - half:+.2f}, {mean + half:+.2f}] | {lost:.1%} |"
     )
 
 
@@ -114,8 +107,8 @@ def main() -> None:
                 lines.write(json.dumps(found[name, seed]) + "\n")
     table = [
         "| world | runs | nodes before | after | most | difference in 200 unseen worlds (95 %)"
-        " | largest loss of a tier | warnings of `check` |",
-        "|---|---:|---:|---:|---:|---:|---:|---:|",
+        " | largest loss of a tier |",
+        "|---|---:|---:|---:|---:|---:|---:|",
     ]
     for name in ARMS:
         robots = [each for (world, _), each in found.items() if world == name]

@@ -1,10 +1,9 @@
-"""Counts ticks in which two actions hold one resource: python -m studies.pruning.resources."""
+"""Counts ticks in which two actions hold one resource: python -m tests.domains.shared_resources."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Iterator, Sequence
-from pathlib import Path
 
 import numpy as np
 
@@ -17,7 +16,6 @@ from islandgp.evaluation.base import Problem
 from islandgp.gp.random_trees import TreeSpace
 from islandgp.search.breeding import Breeding, Parent, new_child, new_tree
 
-HERE = Path(__file__).parent
 DOMAINS = {
     **dict.fromkeys(
         ("island", "cartpole", "lunarlander", "mountaincar", "pendulum", "swimmer"), None
@@ -112,22 +110,16 @@ def row(name: str, config_dir: str | None, n: int) -> str:
 
 
 def main() -> None:
-    """Write the table."""
+    """Print the table."""
     parser = argparse.ArgumentParser(
-        prog="python -m studies.pruning.resources", description=__doc__
+        prog="python -m tests.domains.shared_resources", description=__doc__
     )
     parser.add_argument("--trees", type=int, default=1000, help="random trees; as many are bred")
     n = parser.parse_args().trees
-    lines = [
-        "| domain | actions with resources | trees | with concurrent nodes"
-        " | ticks with a shared resource |",
-        "|---|---:|---:|---:|---:|",
-    ]
+    print("| domain | actions with resources | trees | with concurrent nodes | shared ticks |")
+    print("|---|---:|---:|---:|---:|")
     for name, config_dir in DOMAINS.items():
-        lines.append(row(name, config_dir, n))
-        print(lines[-1], flush=True)
-    (HERE / "results").mkdir(exist_ok=True)
-    (HERE / "results" / "resources.md").write_text("\n".join(lines) + "\n")
+        print(row(name, config_dir, n), flush=True)
 
 
 if __name__ == "__main__":
