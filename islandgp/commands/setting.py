@@ -191,7 +191,7 @@ def _configured_vocabulary(
     overrides: Sequence[str], config_dir: str | None, in_world: bool
 ) -> Vocabulary:
     """The vocabulary of a composed configuration's domain, as for `vocabulary_of`."""
-    from islandgp.evaluation.worlds import staged
+    from islandgp.evaluation.perturbation import staged
 
     settings = configured(overrides, config_dir)
     domain = settings.make_domain()

@@ -23,8 +23,7 @@ from islandgp.config.errors import error_lines, setting_at
 from islandgp.domain import Domain, RewardTable, Schema
 from islandgp.errors import ConfigError
 from islandgp.evaluation.base import Problem
-from islandgp.evaluation.perturbation import Perturbation
-from islandgp.evaluation.worlds import staged
+from islandgp.evaluation.perturbation import Perturbation, staged
 from islandgp.evolution.prune import Pruning
 from islandgp.gp.archive import ArchiveSettings
 from islandgp.gp.plan import GP, Budget, Plan, Stop, Switches, is_read

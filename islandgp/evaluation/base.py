@@ -13,8 +13,12 @@ from islandgp.bt.core.node import Node
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.domain import Domain, Observer, Outcome, prepare
 from islandgp.errors import RAISE_LIMIT, EvaluationError, RunError, TimeLimitError, brief
-from islandgp.evaluation.perturbation import Perturbation, PerturbedWorlds, recorded_perturbation
-from islandgp.evaluation.worlds import staged
+from islandgp.evaluation.perturbation import (
+    Perturbation,
+    PerturbedWorlds,
+    recorded_perturbation,
+    staged,
+)
 from islandgp.gate import must_be_known_code
 from islandgp.plain import DECODE_ERRORS
 from islandgp.plugin import imported, raised_in

@@ -1,4 +1,4 @@
-"""Perturbed worlds: settings drawn from ranges, noisy and delayed sensors.
+"""Changed worlds: a stage's settings, settings drawn from ranges, noisy and delayed sensors.
 
 A tree is robust if it earns as much in slightly different worlds. The perturbation of a world is a
 function of the world's seed alone.
@@ -16,7 +16,6 @@ from pydantic import BaseModel, Field, ValidationError, field_validator
 
 from islandgp.domain import MAX_DELAY, Domain, Schema, SensorFaults
 from islandgp.errors import IslandError, brief
-from islandgp.evaluation.worlds import staged
 from islandgp.plugin import path_of
 from islandgp.seeding import Stream, stream
 
@@ -156,6 +155,21 @@ class PerturbedWorlds:
                 domain = domain.with_sensors(faults)
             self._domains[stage, seed] = domain
         return self._domains[stage, seed]
+
+
+def staged(world: BaseModel, changes: Mapping[str, Any]) -> BaseModel:
+    """The settings with changes. Raises pydantic.ValidationError if they are invalid."""
+    return type(world).model_validate(_merged(world.model_dump(), changes)) if changes else world
+
+
+def _merged(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
+    merged = {
+        key: _merged(old[key], value)
+        if isinstance(value, Mapping) and isinstance(old.get(key), Mapping)
+        else value
+        for key, value in new.items()
+    }
+    return {**old, **merged}
 
 
 def recorded_perturbation(config: Mapping[str, Any]) -> Perturbation | None:

@@ -21,7 +21,7 @@ from islandgp.bt.core.node import Node, size
 from islandgp.config.settings import Settings
 from islandgp.domain import Domain
 from islandgp.evaluation.base import Evaluator
-from islandgp.evaluation.worlds import staged
+from islandgp.evaluation.perturbation import staged
 from islandgp.evolution.single_behaviours import single_behaviours
 from islandgp.plain import from_json, read_json
 from islandgp.running.resume import domain_code
