@@ -39,7 +39,7 @@ from islandgp.bt.core.node import (
     size,
     walk,
 )
-from islandgp.bt.core.parameters import MAX_MAGNITUDE, argument_values, leaf_of
+from islandgp.bt.core.parameters import MAX_MAGNITUDE, argument_values, leaf_of, referenced
 from islandgp.bt.core.vocabulary import Key
 from islandgp.gp.random_trees import TreeSpace, moved_number, random_abort, random_leaf, random_term
 
@@ -282,6 +282,8 @@ def _moved(tree: Node, i: int, k: int, by: float, space: TreeSpace) -> Node:
         arguments = space.vocabulary.action(node.action).arguments
         values = argument_values(node.args, arguments)
         name = list(arguments)[k]
+        if referenced(values[name]):  # a key gives it its value
+            return tree
         values[name] = moved_number(arguments[name], float(values[name]), by)
         return replace_at(tree, i, leaf_of(node.action, values, arguments))
     args = guard_of(node)

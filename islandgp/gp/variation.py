@@ -28,7 +28,7 @@ from islandgp.bt.core.node import (
     walk,
     within,
 )
-from islandgp.bt.core.parameters import argument_values, leaf_of
+from islandgp.bt.core.parameters import argument_values, leaf_of, referenced
 from islandgp.bt.core.vocabulary import Key
 from islandgp.gp import branches
 from islandgp.gp.random_trees import (
@@ -171,7 +171,7 @@ def _other_argument(
     arguments = space.vocabulary.action(args.name).arguments
     values = argument_values(args, arguments)
     key = list(arguments)[rng.integers(len(arguments))]
-    if rng.random() < 0.5:
+    if referenced(values[key]) or rng.random() < 0.5:
         values[key] = random_value(rng, arguments[key])
     else:
         by = rng.normal(0, settings.number_sd)

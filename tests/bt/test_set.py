@@ -196,6 +196,15 @@ def test_wrong_initial_values(wrong: Key) -> None:
         Vocabulary("d", {}, {"k": wrong})
 
 
+def test_arguments_of_keys_in_other_tools() -> None:
+    """Ports of BehaviorTree.CPP have them; for py_trees the message says what to do."""
+    tree = parse('Go(to: "{place}", speed: "{gap}")', BOT)
+    assert '<Go to="{place}" speed="{gap}"/>' in to_xml(tree, BOT)
+    assert read_tree(to_xml(tree, BOT), BOT).tree == tree
+    with pytest.raises(DomainError, match="export it as XML"):
+        to_python(tree, BOT)
+
+
 def test_only_written_keys_are_results() -> None:
     """An action cannot set a key of the domain."""
     with pytest.raises(DomainError, match="keys with an initial value as sets of the action A"):

@@ -218,7 +218,7 @@ def _with_ports(part: TargetNode, vocabulary: Vocabulary) -> TargetNode:
     if isinstance(args, ActionArgs):
         arguments = vocabulary.action(args.name).arguments
         flags = {key for key, each in arguments.items() if each.sort == "flag"}
-        values = ((key, _FLAGS[str(v)] if key in flags else v) for key, v in args.values)
+        values = ((key, _FLAGS.get(str(v), v) if key in flags else v) for key, v in args.values)
         args = args._replace(values=tuple(values))
     if isinstance(args, GuardArgs):
         args = args._replace(condition=_quoted(args.condition))

@@ -242,9 +242,12 @@ class _Importer(SubtreeReader):
         values: dict[str, Value] = {}
         for port, text in element.attributes.items():
             if port in parameters:
-                if parameters[port].sort == "text" and _BOARD.fullmatch(text):
-                    self.state.asks = True
-                    text = f"{{{self.keys.get(text[1:-1], text[1:-1])}}}"
+                if _BOARD.fullmatch(text):
+                    key = self.keys.get(text[1:-1], text[1:-1])
+                    if self.vocabulary.gives(key, parameters[port]):
+                        self.state.asks = True
+                        values[port] = f"{{{key}}}"
+                        continue
                 values[port] = port_value(port, text, parameters[port])
         return self.vocabulary.leaf(tag, values)
 

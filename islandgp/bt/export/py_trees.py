@@ -36,7 +36,7 @@ from islandgp.bt.core.node import (
     walk,
     written_in,
 )
-from islandgp.bt.core.parameters import bound
+from islandgp.bt.core.parameters import bound, referenced
 from islandgp.bt.core.printer import Named, condition_text, head, number_text
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
 from islandgp.bt.export.plan import (
@@ -53,6 +53,7 @@ from islandgp.bt.export.plan import (
     separated,
     subtree_of,
 )
+from islandgp.errors import DomainError
 
 POLICY = SemanticDifference(
     "policy", "any failing child fails a Parallel of py_trees, which has no counts"
@@ -119,6 +120,13 @@ def to_python(
     """
     rejected_kinds = {"cooldown", *NAV2} if plain else NAV2
     check_kinds(tree, plain=plain, step_s=step_s, rejected_kinds=rejected_kinds)
+    leaves = (node.args for node in walk(tree) if isinstance(node.args, ActionArgs))
+    values = (value for args in leaves for _, value in args.values)
+    if given := {key for value in values if (key := referenced(value)) in vocabulary.keys}:
+        raise DomainError(
+            f"Expected arguments without keys, as py_trees builds an action once, found"
+            f' "{{{min(given)}}}"; export it as XML (--to btcpp), or read the key in the action.'
+        )
     planned = _bound(plan(tree, None if plain else differs), vocabulary)
     if any(part.target == KINDS["cooldown"].ours for part in parts(planned)):
         planned = TargetNode(_COUNTER, (), (planned,))
