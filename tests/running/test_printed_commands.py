@@ -25,12 +25,14 @@ COMMAND: Final = re.compile(
 """In a message: in backticks, or a subcommand with its words."""
 
 EXECUTED: Final = {
+    "islandgp check {}": "check tree.bt",
     "islandgp domain {} --json": "domain island --json",
     "islandgp domain --json": "domain --json",
     "islandgp domain NAME --json": "domain island --json",
     "islandgp domain NAME --check TREE": "domain cartpole --check tree.bt",
     "islandgp examples NAME prints one": "examples all_rounder",
     "islandgp export --header -o {}": "export --header -o nodes.hpp",
+    "islandgp ros2": "",  # of plugins/ros2, whose tests run it
     "islandgp transcript RUN": "",  # needs a language model: tests/llm/test_transcript_command.py
     "islandgp transcript": "",
     "python -m islandgp": "run experiment=smoke gp.generations=1",
