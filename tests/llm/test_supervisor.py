@@ -15,7 +15,7 @@ from islandgp.errors import ConfigError, SupervisionError
 from islandgp.seeding import Stream, stream
 from islandgp.supervision.base import Guidance, Pattern, Phase
 from islandgp.supervision.llm.client import ServerClient
-from islandgp.supervision.llm.message import HOPELESS, Failure, FailureKind, Reply, Request
+from islandgp.supervision.llm.message import HOPELESS, Failure, FailureKind, Reply, Request, Usage
 from islandgp.supervision.llm.supervisor import LLM, Adviser
 from islandgp.supervision.llm.transcript import Transcript
 from islandgp.supervision.replay import Replay
@@ -823,3 +823,21 @@ def test_near_a_cap_they_are_asked_in_turn() -> None:
     assert [kind_of(r) for r in client.requests] == ["probe", "rate"]
     assert guidance.notes["rate"] == "llm"
     assert guidance.notes["tree"].startswith("fallback: budget")
+
+
+@pytest.mark.parametrize(("tokens", "warnings"), [(700, 1), (5000, 0)])
+def test_a_server_that_cuts_prompts_is_named(
+    tokens: int, warnings: int, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Once, if it counts far fewer tokens than the prompt has."""
+    plain = answering()
+
+    def script(request: Request, n: int) -> Reply | Failure:
+        answer = plain(request, n)
+        assert isinstance(answer, Reply)
+        return replace(answer, usage=Usage(input=tokens, output=9))
+
+    llm, _ = supervisor(script)
+    advise(llm, state(1))
+    advise(llm, state(2))
+    assert caplog.text.count("it may cut prompts silently") == warnings

@@ -65,6 +65,7 @@ Expected a key or an address for supervisor=llm, found none. There are five ways
      supervisor=replay supervisor.policy.transcript=<a run's folder> repeats a recorded run."""
 
 
+FEW: Final = 0.4  # share of a prompt's expected tokens below which it was cut
 REASON: Final = 600  # most characters of a fallback's reason in the record
 FIELDS: Final = {
     "rate": [*DecisionAnswer.model_fields],
@@ -230,7 +231,7 @@ class LLM:
         self.settings, self.context, self.client = settings, context, client
         self.adviser = Adviser(settings, context)
         self._calls: LiveCalls | None = None
-        self._warned = False
+        self._warned = self._cut = False
 
     def start(self) -> str:
         """See `SupervisorLifecycle`. Opens the transcript and probes the server."""
@@ -272,6 +273,7 @@ class LLM:
         generation = state.now.generation
         guidance = self.adviser.advise(state, rng, calls)
         self._warn(guidance, generation)
+        self._warn_of_cuts(calls.transcript)
         played = [p.episodes for p in calls.transcript.played if p.generation == generation]
         return replace(guidance, episodes=sum(played))
 
@@ -311,6 +313,21 @@ class LLM:
                 "Supervision continues with the fallback from generation %d: %s",
                 generation,
                 reasons[0].split(": ", 2)[2],
+            )
+
+    def _warn_of_cuts(self, transcript: Transcript) -> None:
+        """Logs one warning if a server counts far fewer tokens than a prompt must have."""
+        last = transcript.attempts[-1] if transcript.attempts else None
+        if self._cut or last is None or last.usage is None:
+            return
+        prompt = len(last.request.system) + sum(map(len, last.request.turns))
+        expected = prompt / self.settings.facts.characters
+        if last.usage.read < FEW * expected:
+            self._cut = True
+            logging.getLogger("islandgp").warning(
+                "%s counted %d tokens of a prompt of about %d: it may cut prompts silently; enlarge"
+                " its context (for Ollama OLLAMA_CONTEXT_LENGTH)",
+                *(self.settings.place, last.usage.read, expected),
             )
 
 
