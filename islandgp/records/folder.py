@@ -18,7 +18,7 @@ from time import time
 from typing import Any, Final
 
 import yaml
-from filelock import FileLock
+from filelock import FileLock, Timeout
 
 from islandgp.atomic_files import reading, remove_leftovers, usable, write_atomic
 from islandgp.errors import BusyError, IslandError, RunError, brief
@@ -37,7 +37,6 @@ from islandgp.records.checkpoint import (
     sound_state,
 )
 from islandgp.records.files import LONG, RunMetadata, RunSummary, pretty
-from islandgp.records.locks import locked, take
 from islandgp.records.parameters import without_credentials
 
 
@@ -342,6 +341,27 @@ class RunFolder:
         file = self._as_written("summary.json")
         with reading("a finished run's summary", file):
             return dict(validate_json(RunSummary, read_bytes(file)))
+
+
+def take(lock: FileLock, folder: Path, busy: RunError) -> None:
+    """Creates a folder and acquires its lock. Raises `busy` if another process holds it."""
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        # `locked` of another process may hold it for a moment.
+        lock.acquire(timeout=1, poll_interval=0.05)
+    except Timeout:
+        raise busy from None
+
+
+def locked(path: Path) -> bool:
+    """True if a process holds the lock file."""
+    if not path.exists():
+        return False
+    try:
+        with FileLock(path, timeout=0):
+            return False
+    except Timeout:
+        return True
 
 
 COPIES: Final = frozenset({"mlartifacts", "mlruns"})

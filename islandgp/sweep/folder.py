@@ -20,8 +20,7 @@ from islandgp.errors import RunError, brief
 from islandgp.gate import check_file, is_inside, read_bytes
 from islandgp.plain import DECODE_ERRORS, validate_json
 from islandgp.records.files import pretty
-from islandgp.records.folder import RunFolder, Status
-from islandgp.records.locks import locked, take
+from islandgp.records.folder import RunFolder, Status, locked, take
 from islandgp.records.parameters import key_of, short_key
 
 MAX_TAG: Final = 5000  # characters of a tag's value in MLflow

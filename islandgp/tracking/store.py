@@ -257,17 +257,13 @@ def run_key(about: RunMetadata) -> str:
     return f"{about.id}.{about.identity}"
 
 
-def metric(key: str, value: float, at: int, step: int) -> Metric:
-    """One point; `at` is ms since 1970."""
-    from mlflow.entities import Metric
-
-    return Metric(key, float(value), at, step)
-
-
 def points(values: Mapping[str, float], at: int, step: int) -> list[Metric]:
     """The points of values by name, with valid names; `at` is ms since 1970."""
+    from mlflow.entities import Metric
+
     return [
-        metric(INVALID.sub("_", name)[:MAX_NAME], value, at, step) for name, value in values.items()
+        Metric(INVALID.sub("_", name)[:MAX_NAME], float(value), at, step)
+        for name, value in values.items()
     ]
 
 

@@ -8,8 +8,7 @@ from pathlib import Path
 import pytest
 
 from islandgp.errors import EvaluationError, RunError
-from islandgp.records.folder import RunFolder, Status
-from islandgp.records.locks import locked
+from islandgp.records.folder import RunFolder, Status, locked
 from tests.profiles import sweep
 from tests.tracking.folders import about, begun, closed_run, steps
 
