@@ -126,7 +126,6 @@ def test_other_encodings_of_lines(islandgp: Cli, folder: Path, command: str, kin
         (["export", "ok.bt", "--to", "btcpp", "-o", "ok.bt"], "found ok.bt itself"),
         (["simplify", "ok.bt", "-o", "./ok.bt"], "found ./ok.bt itself"),
         (["replay", "ok.bt", "-o", "./ok.bt"], "found ./ok.bt itself"),
-        (["import", "ok.bt", "--from", "btcpp", "-o", "ok.bt"], "found ok.bt itself"),
         (["export", "ok.bt", "--header"], "expected --header alone"),
         (["export", "--header", "--plain"], "expected --header alone"),
         (["export", "--header", "--step", "3"], "expected --header alone"),

@@ -40,8 +40,7 @@ def tree(tmp_path: Path) -> Path:
     [
         ["fmt", "mine.bt"],
         ["simplify", "-", "-o", "mine.bt"],
-        ["show", "-", "--format", "dot", "-o", "mine.bt"],
-        ["export", "-", "--to", "json", "-o", "mine.bt"],
+        ["export", "-", "--to", "btcpp", "-o", "mine.bt"],
         ["replay", "-", "-o", "mine.bt", "--set", "world.episode.length=5"],
     ],
     ids=lambda arguments: arguments[0],
