@@ -39,9 +39,7 @@ from islandgp.scoring.constraints import merit
 from islandgp.search.cma import Cma
 from islandgp.seeding import Stream, seed_of
 
-SEARCH: Final = Fraction(
-    4, 5
-)  # share of the episodes; half of the rest is for the race, half to compare
+SEARCH: Final = Fraction(4, 5)  # of the episodes; half of the rest is to race, half to compare
 RACING: Final = 8  # most trees in the race, including the written one
 MIN_WORLDS: Final = 2  # an interval needs two
 MIN_RANGE: Final = 1e-7  # of a key; `fine` rounds to 9 decimals
@@ -309,10 +307,7 @@ def _search(
     worlds: Iterator[int],
     seed: int,
 ) -> list[Values]:
-    """Means of CMA-ES, then the best values of each generation; each time the latest first.
-
-    The means are of generations an eighth of the search apart, as near ones hardly differ.
-    """
+    """Means of CMA-ES, an eighth of the search apart, then the best values; the latest first."""
     axes = candidates.thresholds
     scales = [axis.key.high - axis.key.low for axis in axes]
     optimizer = Cma(
