@@ -26,9 +26,10 @@ class _Input(click.Path):
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """The path, as from `click.Path`. Raises click.UsageError for a second `-`."""
-        if (best := Path(os.fsdecode(value)) / "best.bt").is_file():
-            check_file(best)
-            value = str(best)
+        best = os.path.join(os.fsdecode(value), "best.bt")
+        if os.path.isfile(best):  # False for a name that is too long
+            check_file(Path(best))
+            value = best
         path = super().convert(value, param, ctx)
         if path == STDIN and ctx is not None:
             if _STDIN_USED in ctx.meta:

@@ -58,7 +58,7 @@ def _maze_run(supervisor: str, seed: int) -> Run:
         )
         snapshot = replace(
             record.snapshot,
-            best=one.fitness,
+            fitness_max=one.fitness,
             specialists={"idler": 0, "turning": 1, "odd": 0},
             behaviour_counts={"turning": 1},
             tiers={name: int(name in one.tiers) for name in TIERS},
