@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from importlib.metadata import packages_distributions
 from keyword import iskeyword
 from pathlib import Path
-from shutil import copytree, rmtree
+from shutil import copytree, ignore_patterns, rmtree
 from tempfile import mkdtemp
 from typing import Any, Final
 
@@ -19,6 +19,8 @@ from islandgp.resources import resource
 
 TEMPLATES: Final = resource("examples/templates")
 """A folder for each kind; one without a configuration extends the simulator."""
+
+COMPILED: Final = ignore_patterns("__pycache__", "*.pyc")
 
 EPISODES: Final = 20  # random ones, which give the ranges of keys without bounds
 MAX_STEPS: Final = 500  # of each
@@ -51,8 +53,8 @@ def command(name: str, kind: str, environment: str | None) -> None:
     made = Path(mkdtemp(prefix=f".{name}-", dir=folder.absolute().parent))
     try:
         if not (TEMPLATES / kind / "conf").exists():
-            copytree(TEMPLATES / "simulator", made, dirs_exist_ok=True)
-        copytree(TEMPLATES / kind, made, dirs_exist_ok=True)
+            copytree(TEMPLATES / "simulator", made, dirs_exist_ok=True, ignore=COMPILED)
+        copytree(TEMPLATES / kind, made, dirs_exist_ok=True, ignore=COMPILED)
         for path in [p for p in sorted(made.rglob("*")) if p.is_file()]:
             text = path.read_text(encoding="utf-8")
             for word, replacement in words.items():

@@ -53,9 +53,9 @@ def test_numbers_of_purposes() -> None:
         "TUNING": 14,
         "SEARCH": 15,
         "ARCHIVE": 16,
-        "EDIT": 17,
         "PERTURBATION": 18,
         "PRUNING": 19,
+        "JUDGING": 20,
         "RESAMPLING": 100,
     }
 

@@ -9,7 +9,7 @@ import pytest
 
 from islandgp.errors import EvaluationError
 from islandgp.sweep.folder import SweepJob
-from islandgp.sweep.progress import Start
+from islandgp.sweep.progress import SweepStart
 from tests.tracking.folders import closed_run
 
 
@@ -23,7 +23,7 @@ def test_a_clock_that_differs_from_the_file_systems(ahead: int, tmp_path: Path) 
         run.path: SweepJob(run.path.name, run.path.name, "baseline", 1, (), 5, "")
         for run in (folder, other)
     }
-    start = Start.now(jobs)
+    start = SweepStart.now(jobs)
     assert not start.failed(folder)
     assert not start.failed(other)
     for run in (folder, other):

@@ -104,7 +104,7 @@ def contexts_of(tree: Node, context: NodeContext) -> list[tuple[Node, NodeContex
 
 def check_facts(tree: Node, boards: list[list[float]], results: list[int]) -> None:
     """Fails where a node is ticked or ends on a blackboard that its context excludes."""
-    places, board = contexts_of(tree, root_context(VOCABULARY)), list(boards[0])
+    places, board = contexts_of(tree, root_context(tree, VOCABULARY)), list(boards[0])
     running: set[int] = set()
     count = 0
 

@@ -232,7 +232,7 @@ def check_kinds(
     kinds = {node.kind for node in walk(tree)}
     timed = kinds & {*TIMED}
     if missing := kinds.intersection(rejected_kinds):
-        other = "run it by `islandgp ros2` or in Python (load_tree)"
+        other = "run it in Python (load_tree) or by a plug-in such as that of ROS"
         if not kinds & NAV2:
             other = "export it as Python (--to pytrees, without --plain)"
         elif "cooldown" not in kinds:
