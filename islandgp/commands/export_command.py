@@ -9,6 +9,7 @@ import click
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.bt.export import behaviortree_cpp, py_trees
+from islandgp.bt.export.json import to_json
 from islandgp.bt.export.plan import SemanticDifference
 from islandgp.commands.files import FILE, STDIN, check_other_file, write_text
 from islandgp.commands.options import (
@@ -21,8 +22,8 @@ from islandgp.commands.setting import read_in_domain
 
 STEPS: Final = (1e-6, 86_400)
 """Fewest and most seconds between two ticks."""
-FORMATS: Final = ("btcpp", "pytrees")
-_BY_ENDING: Final = {"xml": "btcpp", "py": "pytrees"}
+FORMATS: Final = ("json", "btcpp", "pytrees")
+_BY_ENDING: Final = {"json": "json", "xml": "btcpp", "py": "pytrees"}
 
 
 @click.command()
@@ -48,10 +49,11 @@ def command(
 ) -> None:
     """Write the tree in FILE for another tool.
 
-    btcpp: XML for BehaviorTree.CPP 4; where a node of
-    the library has another meaning, a node of --header replaces it. pytrees: a Python
-    module that builds a py_trees tree. With --plain, differences in meaning are printed on
-    the standard error, and explained in docs/exports.md.
+    json: for your own programs; --plain and --step have no effect. btcpp: XML for
+    BehaviorTree.CPP 4; where a node of the library has another meaning, a node of
+    --header replaces it. pytrees: a Python module that builds a py_trees tree. With
+    --plain, differences in meaning are printed on the standard error, and explained in
+    docs/exports.md.
     """
     if header:
         if file is not None or form is not None or plain or step is not None:
@@ -95,6 +97,8 @@ def command(
 def _export(
     tree: Node, form: str, vocabulary: Vocabulary, plain: bool, step: float | None
 ) -> tuple[str, list[SemanticDifference]]:
+    if form == "json":
+        return to_json(tree), []
     other = behaviortree_cpp if form == "btcpp" else py_trees
     write = behaviortree_cpp.to_xml if form == "btcpp" else py_trees.to_python
     text = write(tree, vocabulary, plain=plain, step_s=step)

@@ -6,8 +6,10 @@ import click
 
 from islandgp.bt.analysis.lint import REFUSED, warnings
 from islandgp.bt.core.format import format_text
+from islandgp.bt.core.language import to_text
 from islandgp.bt.export.declared import UNNAMED
-from islandgp.bt.export.import_cpp import read_tree
+from islandgp.bt.export.import_cpp import Imported, read_tree
+from islandgp.bt.export.json import from_json
 from islandgp.commands.files import FILE, TreeText, check_other_file, read_tree_text, write_text
 from islandgp.commands.options import DomainOptions, with_output_option, with_vocabulary_options
 from islandgp.commands.setting import default_domain, vocabulary_of
@@ -27,7 +29,7 @@ def command(
     output: str,
     options: DomainOptions,
 ) -> None:
-    """Turn BehaviorTree.CPP XML in FILE into a tree of the language.
+    """Turn JSON or BehaviorTree.CPP XML in FILE into a tree of the language.
 
     A node that the language does not have is an error with its place. Differences in
     behaviour are printed to the standard error. The result names its domain, unless
@@ -35,14 +37,20 @@ def command(
     """
     check_other_file(file, output)
     text, name, folder = read_tree_text(file)
-    if not text.lstrip("\ufeff \t\r\n").startswith("<"):
+    start = text.lstrip("\ufeff \t\r\n")[:1]
+    wanted = "BehaviorTree.CPP XML with --tree" if identity else "JSON or BehaviorTree.CPP XML"
+    if not start or start not in ("<" if identity else "<{["):
         raise TreeError(
-            f"{name}: expected BehaviorTree.CPP XML, found another format; a tree in the language"
-            " needs no import"
+            f"{name}: expected {wanted}, found another format; a tree in the language needs no"
+            " import"
         )
     source = TreeText(text if options.declaration else "", name, None)
     vocabulary = vocabulary_of(source, options)
-    imported = read_tree(text, vocabulary, name=name, tree=identity, folder=folder)
+    if start != "<":
+        tree = from_json(text, vocabulary, name=name)
+        imported = Imported(tree, (), to_text(tree))
+    else:
+        imported = read_tree(text, vocabulary, name=name, tree=identity, folder=folder)
     losses = [
         f"{name}:{line}:{column}: not the same ({loss.about}): there, {loss.message}"
         for line, column, loss in imported.differences

@@ -1,7 +1,7 @@
 """`make fuzz`: a long search, with figures; what it finds goes into the corpus.
 
 python -m tests.fuzz --inputs 50000 --seed 1 --only xml
-python -m tests.fuzz --only language=25000 --only xml=1000 --write
+python -m tests.fuzz --only language=25000 --only xml=1000 --only json=1000 --write
 """
 
 from __future__ import annotations
@@ -31,6 +31,7 @@ COMMANDS = {
     # target: the file's name, and the words before it
     "language": ("a.bt", ["check"]),
     "xml": ("a.xml", ["import"]),
+    "json": ("a.json", ["import"]),
     "declaration": ("v.json", ["check", "tree.bt", "--vocabulary"]),
 }
 

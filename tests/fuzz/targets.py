@@ -31,6 +31,7 @@ from islandgp.bt.core.parameters import adapter
 from islandgp.bt.export.behaviortree_cpp import to_xml
 from islandgp.bt.export.declared import declared
 from islandgp.bt.export.import_cpp import read_tree
+from islandgp.bt.export.json import from_json, to_json
 from islandgp.commands.verify_command import verify
 from islandgp.compare.runs import find, read
 from islandgp.config.compose import planned
@@ -108,6 +109,7 @@ def text_of(data: bytes) -> str:
 def same_everywhere(tree: Node) -> None:
     """A tree comes back from each form that it is written in."""
     assert parse(to_text(tree), VOCABULARY) == tree
+    assert from_json(to_json(tree), VOCABULARY) == tree
     assert read_tree(to_xml(tree), VOCABULARY).tree == tree
 
 
@@ -141,6 +143,16 @@ def xml(data: bytes) -> bool:
     except IslandError:
         return False
     same_everywhere(tree_import.tree)
+    return True
+
+
+def json_tree(data: bytes) -> bool:
+    """`import` of JSON."""
+    try:
+        tree = from_json(text_of(data), VOCABULARY)
+    except IslandError:
+        return False
+    same_everywhere(tree)
     return True
 
 
@@ -456,6 +468,10 @@ def _answers() -> st.SearchStrategy[bytes]:
     )
 
 
+def _json_trees() -> list[bytes]:
+    return [to_json(parse(text.decode(), VOCABULARY)).encode() for text in TREES]
+
+
 def _xml_trees() -> list[bytes]:
     return [to_xml(parse(text.decode(), VOCABULARY)).encode() for text in TREES]
 
@@ -497,10 +513,11 @@ def _changed(seeds: Sequence[bytes], pieces: Sequence[bytes] = ()) -> st.SearchS
 
 def targets() -> dict[str, Target]:
     """By name, which is also its folder in the corpus."""
-    forms = _declarations()
+    trees, forms = _json_trees(), _declarations()
     return {
         "language": Target(texts(TREES, TOKENS), language, lambda: TREES, 25),
         "xml": Target(texts(_xml_trees(), XML_TOKENS), xml, _xml_trees, 5),
+        "json": Target(_changed(trees, TOKENS), json_tree, _json_trees, 5),
         "declaration": Target(_changed(forms), declaration, _declarations, 5),
         "answer": Target(_answers(), answer, _plain_answers, 5),
         "records": Target(damaged_files(), records, _whole_files, 1),

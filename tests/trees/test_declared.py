@@ -142,7 +142,7 @@ def test_conditions_of_actions() -> None:
 TWO_ACTIONS = "<TreeNodesModel><Action ID='Charge'/><Action ID='Patrol'/></TreeNodesModel>"
 
 
-@pytest.mark.parametrize("file", ["t.xml", "plain.xml"])
+@pytest.mark.parametrize("file", ["t.xml", "plain.xml", "t.json"])
 @pytest.mark.parametrize(
     "condition",
     ["battery < reserve", "battery <= 5 and a != b", "hot or not lap > 3", "mode == docking"],

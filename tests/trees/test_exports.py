@@ -22,6 +22,7 @@ from islandgp.bt.export import behaviortree_cpp, py_trees
 from islandgp.bt.export.behaviortree_cpp import to_xml
 from islandgp.bt.export.declared import declared
 from islandgp.bt.export.import_cpp import read_tree
+from islandgp.bt.export.json import from_json, to_json
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import DomainError, TreeError
 from islandgp.resources import resource
@@ -218,13 +219,14 @@ def test_stated_losses_are_real(about: str) -> None:
 
 
 def test_random_trees() -> None:
-    """Random trees: the XML loads in the real library, and what is read
+    """Random trees: JSON gives the tree back, the XML loads in the real library, and what is read
     from it is the same when it is written and read again."""
     cpp: Any = pytest.importorskip("behaviortreepy", reason="extra `btcpp` is not installed")
     factory = cpp.BehaviorTreeFactory()
     for name in VOCABULARY.actions:
         factory.register_simple_action(name, lambda _: cpp.NodeStatus.SUCCESS)
     for tree in random_trees(composed(), cases(500)):
+        assert from_json(to_json(tree)) == tree
         xml = behaviortree_cpp.to_xml(tree, VOCABULARY, plain=True)
         cpp_tree = factory.create_tree_from_text(xml)
         board = cpp_tree.root_blackboard()
@@ -246,6 +248,13 @@ def test_import_of_an_export_does_the_same(
     assume(not stated - {"repeat", "judged", "equal"})
     imported = main_tree(behaviortree_cpp.to_xml(tree, VOCABULARY, plain=True), VOCABULARY)
     assert ours(imported, boards, results) == ours(tree, boards, results)
+
+
+@examples(max_examples=200)
+@given(tree=nodes())
+def test_json_is_lossless(tree: Node) -> None:
+    """Every tree of the language comes back from JSON as it was."""
+    assert from_json(to_json(tree)) == tree
 
 
 EXAMPLES = sorted(path.stem for path in (resource("grammar") / "examples").glob("*.bt"))
@@ -549,27 +558,68 @@ def test_foreign_xml() -> None:
     )
 
 
+CHILD = '"children": [{"kind": "action", "args": {"name": "SeekCharger"}}]'
+SUM = '{"key": "lap+1", "operator": "<", "number": 3}'
+WRONG_JSON = {
+    "{": "t.json:1:2: not JSON",
+    "[]": "t.json: the file: Input should be a valid dictionary, found []",
+    '{"format": "tree", "tree": 1}': "format: Input should be 'islandgp-tree', found 'tree'",
+    '{"format": "islandgp-tree"}': "tree: Field required",
+    '{"kind": "selectr"}': "tree.kind: Input should be 'selector', 'sequence', ",
+    '{"kind": "selector", "children": []}': "t.json, as text:1:9: the text ends too early",
+    f'{{"kind": "selector", "args": {{"x": 1}}, {CHILD}}}': "tree.args: Expected no args",
+    '{"kind": "action", "args": {"name": "Dance"}}': "unknown action 'Dance'",
+    '{"kind": "action", "args": {"name": "a b"}}': "unexpected 'b'",
+    '{"kind": "action"}': "tree.args.name: Field required",
+    '{"kind": "when", "args": {"condition": 1}}': "tree.args.condition",
+    f'{{"kind": "when", "args": {{"condition": {{"word": "not", "parts": []}}}}, {CHILD}}}': "`not",
+    f'{{"kind": "when", "args": {{"condition": {SUM}}}, {CHILD}}}': "sums as `islandgp fmt` writes",
+    f'{{"kind": "repeater", "args": {{"times": 1e300}}, {CHILD}}}': "a repeater can't repeat",
+    f'{{"kind": "repeater", "args": {{"times": 1e999}}, {CHILD}}}': "1e999 is no number",
+    f'{{"kind": "repeater", "args": {{"times": true}}, {CHILD}}}': "tree.args.times: Input ",
+    '{"kind": "action", "args": {"name": "SeekCharger", "speed": 3}}': "tree.args.speed: ",
+    '{"kind": "inverter", "children": [3]}': "tree.children.0: Input should be",
+}
+
+
+@pytest.mark.parametrize("text", WRONG_JSON)
+def test_wrong_json(text: str) -> None:
+    """JSON that is no such tree is refused with its place and a reason."""
+    document = f'{{"format": "islandgp-tree", "tree": {text}}}' if "kind" in text else text
+    with pytest.raises(TreeError) as excinfo:
+        from_json(document, VOCABULARY, name="t.json")
+    assert WRONG_JSON[text] in str(excinfo.value)
+
+
 def test_hostile_files() -> None:
-    """A hundred thousand nested levels are an error like any other."""
+    """A hundred nested levels are read, a hundred thousand are an error like any other."""
+    deep = parse("inverter { " * 99 + "always running" + "}" * 99)
+    assert from_json(to_json(deep)) == deep
     with pytest.raises(TreeError):
         main_tree("<Sequence>" * 100_000, VOCABULARY)
+    with pytest.raises(TreeError):
+        from_json('{"format": "islandgp-tree", "tree": ' + "[" * 100_000)
 
 
 def test_commands(islandgp: Cli, tmp_path: Path) -> None:
-    """export chooses the form by the ending and lists the losses; import reads XML back."""
+    """export chooses the form by the ending and lists the losses; import reads both forms back."""
     example = resource("grammar") / "examples" / "all_rounder.bt"
-    for name in ("t.xml", "t.py"):
+    for name in ("t.json", "t.xml", "t.py"):
         result = islandgp("export", example, "-o", tmp_path / name)
         assert (result.code, "not the same" in result.err) == (0, False)
         assert ("needs islandgp_nodes.hpp" in result.err) == (name == "t.xml")
-    for name in ("plain.XML", "plain.py"):
+    for name in ("plain.json", "plain.XML", "plain.py"):
         result = islandgp("export", example, "--plain", "-o", tmp_path / name)
         assert result.code == 0
-        assert result.err.startswith("not the same (level)")
+        assert result.err.startswith("not the same (level)") == (name != "plain.json")
     assert "class When" in islandgp("export", "--header").out
     for arguments in ([example], ["--to", "btcpp"]):
         assert "expected --header alone" in islandgp("export", "--header", *arguments).err
-    assert parse(islandgp("import", tmp_path / "t.xml").out) == parse(example.read_text())
+    for name in ("t.json", "t.xml"):
+        result = islandgp("import", tmp_path / name)
+        assert parse(result.out) == parse(example.read_text())
+    refused = islandgp("import", tmp_path / "t.json", "--tree", "T").err
+    assert "expected BehaviorTree.CPP XML with --tree" in refused
     assert islandgp("export", example).code == 2
 
 

@@ -42,6 +42,7 @@ from islandgp.bt.core.vocabulary import (
     is_name,
 )
 from islandgp.bt.export.branching import PRECONDITIONS
+from islandgp.bt.export.json import from_json
 from islandgp.bt.export.nav2 import GATES
 from islandgp.bt.export.xml_reader import Element, read_xml
 from islandgp.errors import DomainError
@@ -140,7 +141,7 @@ def words_as_keys(tree: Node, vocabulary: Vocabulary) -> list[str]:
 
 
 def _keys_in(model: Element, tree: str, name: str, folder: Path | None) -> dict[str, Key]:
-    """The keys of a tree, which is in the tree language or in XML.
+    """The keys of a tree, which is in the tree language, in XML or in JSON.
 
     The scripts of the model's own trees show which texts are words of a key.
     """
@@ -156,7 +157,8 @@ def _keys_in(model: Element, tree: str, name: str, folder: Path | None) -> dict[
             if match["word"] not in ("and", "or", "not", "true", "false")
         }
     else:
-        root = parse(tree, name=name, folder=folder)
+        is_json = start in ("{", "[")
+        root = from_json(tree, name=name) if is_json else parse(tree, name=name, folder=folder)
         asked = {(key, term.operator in OPERATORS) for term in asked_in(root) for key in term.keys}
         sets = [node.args.assigned for node in walk(root) if isinstance(node.args, SetArgs)]
         asked |= {(k, not isinstance(t.number, Named)) for t in sets for k in t.keys}
