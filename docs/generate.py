@@ -2,10 +2,9 @@
 
     python docs/generate.py [--costs]
 
-These are the tables of docs/language.md and docs/llm/, between
-`<!-- begin NAME -->` and `<!-- end -->`.
-`tests/trees/test_docs.py` and `tests/llm/test_state_json.py` check that they are up to date. With
-`--costs` it also measures what runs cost, in two runs with the mock, for docs/llm/cost.md.
+These are the tables of docs/language.md and docs/llm.md, between
+`<!-- begin NAME -->` and `<!-- end -->`. `tests/trees/test_docs.py` checks that they are up to date.
+With `--costs` it also measures what runs cost, in two runs with the mock, for docs/llm.md.
 """
 
 from __future__ import annotations
@@ -28,11 +27,10 @@ from islandgp.bt.core.node_builder import MAX_NESTED, MAX_OPERANDS, MAX_TERMS
 from islandgp.commands.setting import configured
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.running.app import main
-from islandgp.running.parts import run_context
 from islandgp.supervision.llm.budget import cost
 from islandgp.supervision.llm.estimate import ANSWER
 from islandgp.supervision.llm.message import Usage
-from islandgp.supervision.llm.prompts import PROMPT_SETS, fixed_values
+from islandgp.supervision.llm.prompts import PROMPT_SETS
 from islandgp.supervision.llm.settings import Facts, LLMSettings
 from islandgp.supervision.llm.transcript import Transcript
 from tests.llm.mock_model import MockModel
@@ -43,8 +41,7 @@ GENERATIONS = 40  # that are asked about in the default experiment
 ROOT = Path(__file__).resolve().parent.parent
 TUTORIAL = ROOT / "docs" / "tutorial.md"
 LANGUAGE = ROOT / "docs" / "language.md"
-COST = ROOT / "docs" / "llm" / "cost.md"
-STATE = ROOT / "docs" / "llm" / "state.md"
+COST = ROOT / "docs" / "llm.md"
 
 _PART = re.compile(r"(<!-- begin (\w+) -->\n).*?(<!-- end -->)", re.DOTALL)
 _SORTS = {
@@ -140,12 +137,6 @@ def _example(name: str, kind: NodeKind) -> str:
     return f"`{' '.join(words)}{children.get(kind.children, ' { ... }')}`"
 
 
-def field_table() -> dict[str, str]:
-    """The generated part of docs/llm/state.md: what a language model is shown of the island."""
-    context = run_context(configured(["supervisor=llm", "search=paper"]))
-    return {"fields": fixed_values(context)["fields"] + "\n"}
-
-
 def measured_characters() -> dict[str, int]:
     """Characters of both questions of a generation by prompt set, the mean of a run with the mock.
 
@@ -173,20 +164,18 @@ def cost_table(characters: Mapping[str, int]) -> str:
     """What a run of 41 generations costs with each model, by prompt set."""
     prices = LLMSettings.model_validate(configured(["supervisor=llm"]).supervisor.policy).prices
     questions = 2 * GENERATIONS
-    rows = []
+    models: dict[tuple[str, ...], list[str]] = {}  # by what they cost
     for model, price in prices.models.items():
-        cells = [f"`{model}`"]
-        for size in characters.values():
-            tokens = GENERATIONS * size / prices.facts.get(model, Facts()).characters
-            usd = cost(Usage(round(tokens), questions * ANSWER), price)
-            cells += [f"{tokens:,.0f}", f"${usd:,.2f}"]
-        rows.append(tuple(cells))
-    heads = [head for name in characters for head in (f"{name}: tokens in", f"{name}: cost")]
-    sizes = ", ".join(f"{size:,} ({name})" for name, size in characters.items())
+        per_token = prices.facts.get(model, Facts()).characters
+        sizes = [round(GENERATIONS * size / per_token) for size in characters.values()]
+        costs = [cost(Usage(size, questions * ANSWER), price) for size in sizes]
+        models.setdefault(tuple(f"${usd:,.2f}" for usd in costs), []).append(f"`{model}`")
+    rows = [(", ".join(names), *costs) for costs, names in models.items()]
+    measured = ", ".join(f"{size:,} ({name})" for name, size in characters.items())
     return (
-        f"Characters of a generation's two questions, as measured in runs with the mock: {sizes}."
+        f"Characters of a generation's two questions, as measured in runs with the mock: {measured}."
         f" {questions} answers of {ANSWER} tokens; prices of {prices.date}.\n\n"
-        + _table(("model", *heads), rows)
+        + _table(("model", *characters), rows)
     )
 
 
@@ -218,7 +207,6 @@ def _table(head: tuple[str, ...], rows: list[tuple[str, ...]]) -> str:
 
 if __name__ == "__main__":
     LANGUAGE.write_text(filled(LANGUAGE.read_text(encoding="utf-8"), tables()), encoding="utf-8")
-    STATE.write_text(filled(STATE.read_text(encoding="utf-8"), field_table()), encoding="utf-8")
     if "--costs" in sys.argv[1:]:
         costs = {"costs": cost_table(measured_characters())}
         COST.write_text(filled(COST.read_text(encoding="utf-8"), costs), encoding="utf-8")

@@ -412,7 +412,7 @@ def verdict(judge: Judge) -> list[str]:
     helps = test.p < LEVEL and mean > 0
     lines.append(
         "\nThe true state is better than the shuffled one: the model uses it. Stage 2 is worth its"
-        " cost: whole runs against yoked and random branches (docs/llm/judge.md)."
+        " cost: whole runs against yoked and random branches (docs/llm.md, Judge a model)."
         if helps
         else "\nThe true state is not better than the shuffled one at this number of populations:"
         " whole runs (stage 2) are not worth their cost."

@@ -136,11 +136,11 @@ def test_the_command_knows_unknown_prices() -> None:
 
 
 def test_the_estimate_is_near_what_was_measured() -> None:
-    """Near the characters that docs/llm/cost.md has of runs with the mock, both sets.
+    """Near the characters that docs/llm.md has of runs with the mock, both sets.
 
     The estimate is of a run five times as long, in which informed questions are longer.
     """
-    text = (resource("conf").parent / "docs" / "llm" / "cost.md").read_text(encoding="utf-8")
+    text = (resource("conf").parent / "docs" / "llm.md").read_text(encoding="utf-8")
     line = text.partition("as measured in runs with the mock: ")[2].partition(".")[0]
     measured_sizes = dict(re.findall(r"([\d,]+) \((\w+)\)", line))
     assert set(measured_sizes.values()) == set(PROMPT_SETS)

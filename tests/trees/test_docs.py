@@ -83,7 +83,7 @@ def test_the_drawing_of_a_tree_is_up_to_date() -> None:
 
 
 def test_costs_are_up_to_date() -> None:
-    """docs/llm/cost.md has the table that today's prices give for what was measured there."""
+    """docs/llm.md has the table that today's prices give for what was measured there."""
     text = generate.COST.read_text(encoding="utf-8")
     sizes = generate.documented_characters(text)
     assert list(sizes) == ["paper", "informed"]

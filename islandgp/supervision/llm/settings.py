@@ -14,7 +14,7 @@ from islandgp.plugin import ComponentConfig
 from islandgp.supervision.base import SUPERVISES, Phase, check_ranges
 
 DAY: Final = 86_400  # s
-CHARACTERS: Final = 3.8  # of a token, as measured: docs/llm/cost.md
+CHARACTERS: Final = 3.8  # of a token, as measured: docs/llm.md
 DATE: Final = r"^\d{4}-\d\d-\d\d$"
 THINKING_TOKENS: Final = 14_000  # for thinking before an answer
 THINKING_SPEED: Final = 50  # tokens per second, lower bound
