@@ -3,7 +3,7 @@
     python docs/generate.py [--costs]
 
 These are the tables of docs/language.md and docs/llm.md, between
-`<!-- begin NAME -->` and `<!-- end -->`. `tests/trees/test_docs.py` checks that they are up to date.
+`<!-- begin NAME -->` and `<!-- end -->`. `tests/trees/test_docs.py` checks them.
 With `--costs` it also measures what runs cost, in two runs with the mock, for docs/llm.md.
 """
 
@@ -173,7 +173,8 @@ def cost_table(characters: Mapping[str, int]) -> str:
     rows = [(", ".join(names), *costs) for costs, names in models.items()]
     measured = ", ".join(f"{size:,} ({name})" for name, size in characters.items())
     return (
-        f"Characters of a generation's two questions, as measured in runs with the mock: {measured}."
+        "Characters of a generation's two questions, as measured in runs with the mock:"
+        f" {measured}."
         f" {questions} answers of {ANSWER} tokens; prices of {prices.date}.\n\n"
         + _table(("model", *characters), rows)
     )
