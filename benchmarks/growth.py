@@ -132,6 +132,7 @@ def _population(effort: Effort) -> Growth:
 def _operators(population: int, effort: Effort) -> float:
     """Seconds of a generation without its episodes, which are kept short."""
     chosen = settings(
+        "search=paper",
         f"gp.population={population}",
         f"gp.generations={GENERATIONS[effort]}",
         "world.episode.length=1",

@@ -49,7 +49,7 @@ def measure(effort: Effort) -> list[Figure]:
     if not hasattr(signal, "setitimer"):
         raise Missing("this system has no timer of processor time")
     count = BATCH[effort]
-    plan = settings().plan(settings().make_domain())
+    plan = settings("search=paper").plan(settings().make_domain())
     population = islice(first_population(plan, Streams(SEED)), count)
     figures = _shares("all_rounder", [example("all_rounder")] * count, ROUNDS[effort])
     return figures + _shares("random", [i.tree for i in population], 2 * ROUNDS[effort])

@@ -37,7 +37,7 @@ class Evolution(NamedTuple):
 
 def measure(effort: Effort) -> list[Figure]:
     """Evolutions in turns: 1, 2, 4 workers, and again."""
-    chosen = settings(*SHORTER[effort])
+    chosen = settings("search=paper", *SHORTER[effort])
     counts = [n for n in WORKERS if n <= cores()]
     evolutions: dict[int, list[Evolution]] = {n: [] for n in counts}
     for _ in range(ROUNDS[effort]):

@@ -15,6 +15,7 @@ from islandgp.errors import ConfigError
 from islandgp.redaction import FREE, names_secret
 
 VARIABLE: Final = "ANTHROPIC_API_KEY"
+CHAT_VARIABLE: Final = "OPENAI_API_KEY"  # of `interface=chat`
 KEY: Final = "supervisor.policy.api_key"
 NONE: Final = f"{KEY}=null"
 SECRET_FIELD: Final = re.compile(
@@ -89,4 +90,4 @@ def _move(key: str) -> None:
     if "," in key or "(" in key:
         raise ConfigError(f"{KEY}: expected one key, found a sweep over several; {_REMEDY}.")
     if key and key != "null":
-        os.environ[VARIABLE] = key
+        os.environ[VARIABLE] = os.environ[CHAT_VARIABLE] = key

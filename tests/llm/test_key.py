@@ -36,8 +36,9 @@ SMALL = (
 @pytest.fixture(autouse=True)
 def _environment(monkeypatch: pytest.MonkeyPatch) -> None:
     """Changes of the variable by these tests are undone."""
-    monkeypatch.setenv("ANTHROPIC_API_KEY", "x")
-    monkeypatch.delenv("ANTHROPIC_API_KEY")
+    for name in ("ANTHROPIC_API_KEY", "OPENAI_API_KEY"):
+        monkeypatch.setenv(name, "x")
+        monkeypatch.delenv(name)
 
 
 def holders(folder: Path) -> list[Path]:
@@ -258,10 +259,10 @@ def test_a_key_on_the_command_line_is_moved_to_the_environment() -> None:
     for form in ("", "+", "++"):
         arguments = ["seed=1", f"{form}supervisor.policy.api_key={KEY}", "-m"]
         assert without_key(arguments) == ["seed=1", NONE, "-m"]
-        assert os.environ.pop("ANTHROPIC_API_KEY") == KEY
+        assert os.environ.pop("ANTHROPIC_API_KEY") == os.environ.pop("OPENAI_API_KEY") == KEY
     for argument in (f"supervisor.policy.api_key='{KEY}'", f" supervisor.policy.api_key = {KEY}"):
         assert without_key([argument]) == [NONE]
-        assert os.environ.pop("ANTHROPIC_API_KEY") == KEY
+        assert os.environ.pop("ANTHROPIC_API_KEY") == os.environ.pop("OPENAI_API_KEY") == KEY
     assert without_key(["supervisor.policy.api_key=null"]) == [NONE]
     assert "ANTHROPIC_API_KEY" not in os.environ
 
@@ -271,7 +272,7 @@ def test_a_key_in_a_file_is_moved_to_the_environment() -> None:
     config = plain("supervisor=llm", f"supervisor.policy.api_key={KEY}")
     assert not key_in([plain("supervisor=llm"), plain("supervisor=expert")])
     assert key_in([config, plain("supervisor=baseline")])
-    assert os.environ["ANTHROPIC_API_KEY"] == KEY
+    assert os.environ["ANTHROPIC_API_KEY"] == os.environ["OPENAI_API_KEY"] == KEY
     other = plain("supervisor=llm", "supervisor.policy.api_key=another")
     for call in (lambda: key_in([config, other]), lambda: without_key([f"{NONE[:-4]}a,b"])):
         with pytest.raises(ConfigError, match="ANTHROPIC_API_KEY") as excinfo:

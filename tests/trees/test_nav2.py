@@ -18,6 +18,7 @@ from islandgp.bt.export import py_trees
 from islandgp.bt.export.behaviortree_cpp import losses, to_xml
 from islandgp.bt.export.declared import declared
 from islandgp.bt.export.import_cpp import Imported, read_tree
+from islandgp.bt.export.json import from_json, to_json
 from islandgp.errors import DomainError, TreeError
 from tests.running.commands import ROOT
 from tests.trees.nav2 import SHAPES, file_of
@@ -61,6 +62,7 @@ def test_published_trees(name: str) -> None:
     assert f"| `{name}` | {table_of(imported) or 'none'} |" in rows
     vocabulary = declared(xml, xml, name="model.xml")
     assert parse(imported.text, vocabulary) == imported.tree
+    assert from_json(to_json(imported.tree), vocabulary) == imported.tree
 
 
 @pytest.mark.parametrize("name", [n for n, s in SHAPES.items() if "Controller " not in s])
