@@ -16,7 +16,7 @@ ROOT = Path(__file__).parents[1]
 ENVIRONMENTS = ("Pendulum-v1", "FrozenLake-v1")
 KINDS = [
     ("rover",),
-    ("forklift", "--kind", "ros2"),
+    ("hauler", "--kind", "ros2"),
     *((f"world{i}", "--kind", "gymnasium", "--environment", e) for i, e in enumerate(ENVIRONMENTS)),
 ]
 """Arguments; the names differ, because a process keeps the domains that it has read."""

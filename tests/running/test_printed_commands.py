@@ -32,7 +32,7 @@ EXECUTED: Final = {
     "islandgp domain NAME --check TREE": "domain cartpole --check tree.bt",
     "islandgp examples NAME prints one": "examples all_rounder",
     "islandgp export --header -o {}": "export --header -o nodes.hpp",
-    "islandgp ros2": "",  # of plugins/ros2, whose tests run it
+    "islandgp fmt": "fmt tree.bt",
     "islandgp transcript RUN": "",  # needs a language model: tests/llm/test_transcript_command.py
     "islandgp transcript": "",
     "python -m islandgp": "run experiment=smoke gp.generations=1",

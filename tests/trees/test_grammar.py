@@ -27,7 +27,7 @@ from islandgp.errors import DomainError
 from islandgp.gp.random_trees import TreeSettings, TreeSpace, random_tree
 from islandgp.resources import resource
 from studies.controls.grammar_walk import random_text
-from tests.profiles import sweep
+from tests.profiles import cases, sweep
 
 DEPTH = 5
 BOT = Vocabulary(
@@ -98,7 +98,7 @@ def test_every_text_of_the_grammar_is_a_valid_tree(name: str) -> None:
     """Walks over the rules: names, arguments, ranges, conditions and the depth are right."""
     rng = np.random.default_rng(0)
     kinds = set()
-    for _ in range(300):
+    for _ in range(cases(300)):
         text = random_text(grammar(name), rng)
         tree = parse(text, vocabularies()[name])
         check_limits(tree, Limits(DEPTH, 10_000))
