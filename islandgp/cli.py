@@ -200,7 +200,7 @@ ERRORS: Final = (
         r"\1: expected a Directory, found the file \2",
     ),
     (
-        r"Invalid value for (.+?): (File|Directory) ['\"](.+)['\"] is not (readable|writable)",
+        r"Invalid value for (.+?): (File|Directory|Path) ['\"](.+)['\"] is not (readable|writable)",
         r"\1: expected a \2 that is \4, found \3, which is not",
     ),
     (
