@@ -3,6 +3,9 @@
 from __future__ import annotations
 
 import json
+import os
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -73,14 +76,18 @@ def test_other_names_are_refused(
     assert sorted(ROOT.iterdir()) == before
 
 
+@pytest.mark.skipif(sys.platform != "linux", reason="needs /proc")
+def test_a_folder_that_cannot_be_written(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One message, also where root may write everywhere else."""
+    monkeypatch.chdir("/proc")
+    result = CliRunner().invoke(command, ["rover"])
+    assert "rover: expected a folder that can be written, found: " in str(result.exception)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", ["simulator", "gymnasium"])
 def test_its_own_tests_pass(kind: str, tmp_path: Path) -> None:
     """`make test` in the folder, and a short evolution."""
-    import os
-    import subprocess
-    import sys
-
     in_process(tmp_path)("new", "rover", "--kind", kind)
     place = tmp_path / "rover"
     environment = {**os.environ, "PYTHONPATH": f"{ROOT}:{place}"}

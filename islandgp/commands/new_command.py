@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from importlib.metadata import packages_distributions
 from keyword import iskeyword
 from pathlib import Path
-from shutil import copytree, ignore_patterns, rmtree
-from tempfile import mkdtemp
+from shutil import copytree, ignore_patterns
+from tempfile import TemporaryDirectory
 from typing import Any, Final
 
 import click
@@ -50,25 +50,28 @@ def command(name: str, kind: str, environment: str | None) -> None:
     words = {"MyRobot": "".join(part.title() for part in name.split("_")), "my_robot": name}
     if kind == "gymnasium":
         words |= _of_environment(environment or "CartPole-v1")
-    made = Path(mkdtemp(prefix=f".{name}-", dir=folder.absolute().parent))
     try:
-        if not (TEMPLATES / kind / "conf").exists():
-            copytree(TEMPLATES / "simulator", made, dirs_exist_ok=True, ignore=COMPILED)
-        copytree(TEMPLATES / kind, made, dirs_exist_ok=True, ignore=COMPILED)
-        for path in [p for p in sorted(made.rglob("*")) if p.is_file()]:
-            text = path.read_text(encoding="utf-8")
-            for word, replacement in words.items():
-                text = text.replace(word, replacement)
-            path.write_text(text, encoding="utf-8")
-            path.rename(path.with_name(path.name.replace("my_robot", name)))
-        made.chmod(0o755)
-        made.rename(folder)
+        with TemporaryDirectory(prefix=f".{name}-", dir=folder.absolute().parent) as scratch:
+            _fill(Path(scratch) / name, kind, words).rename(folder)
     except OSError as error:
-        rmtree(made, ignore_errors=True)
         raise IslandError(
             f"{folder}: expected a folder that can be written, found: {error.strerror}"
         ) from None
     click.echo(f"Made {folder}/. Next: cd {folder}, make test, make run.")
+
+
+def _fill(made: Path, kind: str, words: Mapping[str, str]) -> Path:
+    """Copy the templates of a kind to a new folder, with the words replaced; returns the folder."""
+    if not (TEMPLATES / kind / "conf").exists():
+        copytree(TEMPLATES / "simulator", made, ignore=COMPILED)
+    copytree(TEMPLATES / kind, made, dirs_exist_ok=True, ignore=COMPILED)
+    for path in [p for p in sorted(made.rglob("*")) if p.is_file()]:
+        text = path.read_text(encoding="utf-8")
+        for word, replacement in words.items():
+            text = text.replace(word, replacement)
+        path.write_text(text, encoding="utf-8")
+        path.rename(path.with_name(path.name.replace("my_robot", made.name)))
+    return made
 
 
 def _must_be_new(folder: Path) -> None:
