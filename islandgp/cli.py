@@ -66,9 +66,6 @@ COMMANDS: Final = {
     "estimate": CommandInfo(
         "estimate the costs of supervision by a language model", "supervisor=llm"
     ),
-    "judge": CommandInfo(
-        "judge a language model by edits of recorded populations", "supervisor=llm --budget 2"
-    ),
     "transcript": CommandInfo(
         "show the questions to a language model and its answers",
         "runs/default/llm-seed0 --generation 3",

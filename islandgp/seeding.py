@@ -33,7 +33,7 @@ class Stream(IntEnum):
     ARCHIVE = 16  # worlds in which elites are challenged, by generation and slot
     PERTURBATION = 18  # of a world, by its seed; slot 0: its settings, 1: its sensors
     PRUNING = 19  # worlds in which the best robot is shortened, by slot; generation: the purpose
-    JUDGING = 20  # draws and worlds of `islandgp judge`, by population and slot; the seed is 0
+    JUDGING = 20  # of a plug-in: draws and worlds, by population and slot; the seed is 0
     RESAMPLING = 100  # a comparison's bootstrap, by world; generation 1: a second sample; seed 0
 
 

@@ -63,7 +63,6 @@ def test_no_command_is_left_out() -> None:
         "python -m islandgp ",
         "islandgp estimate",
         "islandgp transcript",
-        "islandgp judge",
         "islandgp compare",
         "python -m tests.llm.demo",
         "export",

@@ -11,12 +11,15 @@ import pytest
 from click.testing import CliRunner, Result
 
 from islandgp.bt.core.language import parse, to_text
-from islandgp.commands.judge_command import command
 from islandgp.commands.setting import configured
 from islandgp.errors import ConfigError, IslandError, RunError
-from islandgp.resources import resource
-from islandgp.running import judge as judge_module
-from islandgp.running.judge import (
+from islandgp.supervision.editor import EditorSettings
+from islandgp.supervision.llm.message import ServerCapabilities
+from islandgp.supervision.llm.settings import LLMSettings
+from islandgp.supervision.llm.transcript import Transcript
+from islandgp_judge import judge as judge_module
+from islandgp_judge.command import command
+from islandgp_judge.judge import (
     ASKED,
     FREE,
     POPULATIONS,
@@ -28,13 +31,9 @@ from islandgp.running.judge import (
     read_populations,
     verdict,
 )
-from islandgp.supervision.editor import EditorSettings
-from islandgp.supervision.llm.message import ServerCapabilities
-from islandgp.supervision.llm.settings import LLMSettings
-from islandgp.supervision.llm.transcript import Transcript
 from tests.llm.server import MessagesServer
 
-RECORDED = read_populations(resource(POPULATIONS))
+RECORDED = read_populations(POPULATIONS)
 CARTPOLE = ("--domain", "cartpole", "--populations", "4")
 
 
@@ -66,7 +65,7 @@ def test_two_hundred_populations_of_three_domains_are_shipped() -> None:
     assert len(RECORDED) == 200
     domains = ["island", "lunarlander", "cartpole"]
     assert {p.domain for p in RECORDED} == set(domains)
-    assert resource(POPULATIONS).stat().st_size < 50_000
+    assert POPULATIONS.stat().st_size < 50_000
     first = [RECORDED[k].domain for k in chosen(RECORDED, 30, domains)]
     assert all(first.count(domain) == 10 for domain in domains)
     assert len(set(chosen(RECORDED, 200, domains))) == 200

@@ -1,4 +1,4 @@
-"""`python -m studies.judge.record FILE`: records the populations that `islandgp judge` ships.
+"""`python -m islandgp_judge.record FILE`: records the populations that `islandgp judge` ships.
 
 Short runs without a supervisor's trees; of some generations the fittest tree and five others.
 """

@@ -41,7 +41,6 @@ from islandgp.gp.edits import Edit, edited
 from islandgp.gp.population import Individual, Origin
 from islandgp.gp.record import IndividualRecord
 from islandgp.plain import DECODE_ERRORS
-from islandgp.resources import resource
 from islandgp.running.parts import run_context
 from islandgp.scoring.state import PopulationState
 from islandgp.seeding import Stream, seed_of, stream
@@ -69,7 +68,7 @@ from islandgp.supervision.llm.supervisor import pace_of
 from islandgp.supervision.llm.transcript import Start, Transcript
 from islandgp.text import in_points
 
-POPULATIONS: Final = "grammar/populations.jsonl.gz"
+POPULATIONS: Final = Path(__file__).with_name("populations.jsonl.gz")
 FREE: Final = ("rules", "random", "grammar")
 ASKED: Final = ("true", "shuffled", "blind")
 WORLDS: Final = 20  # fresh worlds in which a tree and its edited form are compared
@@ -384,7 +383,7 @@ def plan(judge: Judge, policy: LLMSettings | None) -> tuple[dict[str, Any], Bill
     n = len(judge.cases)
     content = {
         "populations": [c.index for c in judge.cases],
-        "file": sha256(resource(POPULATIONS).read_bytes()).hexdigest(),
+        "file": sha256(POPULATIONS.read_bytes()).hexdigest(),
         "arms": [*FREE, *(ASKED if asked else ())],
         "worlds": WORLDS,
         **asked,
@@ -412,7 +411,7 @@ def verdict(judge: Judge) -> list[str]:
     helps = test.p < LEVEL and mean > 0
     lines.append(
         "\nThe true state is better than the shuffled one: the model uses it. Stage 2 is worth its"
-        " cost: whole runs against yoked and random branches (docs/llm.md, Judge a model)."
+        " cost: whole runs against yoked and random branches (plugins/judge/README.md)."
         if helps
         else "\nThe true state is not better than the shuffled one at this number of populations:"
         " whole runs (stage 2) are not worth their cost."

@@ -11,8 +11,10 @@ import click
 from islandgp.commands.setting import configured
 from islandgp.config.settings import Settings
 from islandgp.errors import ConfigError
-from islandgp.resources import resource
-from islandgp.running.judge import (
+from islandgp.supervision.editor import EditorSettings
+from islandgp.supervision.llm.settings import LLMSettings
+from islandgp.supervision.llm.supervisor import LLM
+from islandgp_judge.judge import (
     HEAD,
     POPULATIONS,
     Judge,
@@ -25,13 +27,11 @@ from islandgp.running.judge import (
     write_plan,
     write_results,
 )
-from islandgp.supervision.editor import EditorSettings
-from islandgp.supervision.llm.settings import LLMSettings
-from islandgp.supervision.llm.supervisor import LLM
 
 
 @click.command(
-    context_settings={"ignore_unknown_options": True, "help_option_names": ["-h", "--help"]}
+    context_settings={"ignore_unknown_options": True, "help_option_names": ["-h", "--help"]},
+    epilog="\b\nExample:\n  islandgp judge supervisor=llm --budget 2",
 )
 @click.option("--budget", type=click.FloatRange(0), default=0.0, help="Most US dollars to spend.")
 @click.option("--populations", type=click.IntRange(2, 200), default=200, help="At most.")
@@ -54,7 +54,7 @@ def command(
     and without episodes; rules, random branches and grammar walks are free. The same command
     continues a stopped one.
     """
-    recorded = read_populations(resource(POPULATIONS))
+    recorded = read_populations(POPULATIONS)
     known = list(dict.fromkeys(p.domain for p in recorded))
     for name in domains:
         if name not in known:
