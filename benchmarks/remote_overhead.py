@@ -16,7 +16,7 @@ from benchmarks.turns import medians, ratio, turns
 from islandgp.bt.core.language import to_text
 from islandgp.evaluation.base import Job
 from islandgp.evaluation.processes import Processes
-from islandgp.evaluation.ray import Ray
+from islandgp_ray.evaluator import Ray
 
 NODES: Final = 2  # of one core each
 EPISODES: Final = {Effort.TINY: 4, Effort.QUICK: 60, Effort.FULL: 120}  # of a batch
@@ -26,7 +26,7 @@ ROUNDS: Final = {Effort.TINY: 1, Effort.QUICK: 2, Effort.FULL: 4}
 def measure(effort: Effort) -> list[Figure]:
     """Batches of the all-rounder's episodes on the cluster and in processes, in turns."""
     if find_spec("ray") is None:
-        raise Missing("ray is not installed; pip install 'islandgp[ray]'")
+        raise Missing("ray is not installed; pip install ./plugins/ray")
     problem = setting(*(("world.episode.length=5",) if effort is Effort.TINY else ()))
     tree = to_text(example("all_rounder"))
     jobs = [Job(tree, STAGE, seed) for seed in range(EPISODES[effort])]
@@ -36,7 +36,7 @@ def measure(effort: Effort) -> list[Figure]:
             cluster = Ray(Ray.Settings(address=address, cpus=1, retries=0, workers=0), problem)
             try:
                 sides = [partial(each.evaluate, jobs) for each in (cluster, processes)]
-                for side in [*sides, *sides]:  # workers start, and batches find their size
+                for side in [*sides, *sides]:  # workers start
                     side()
                 rows = turns(sides, ROUNDS[effort], clock=perf_counter)
             finally:

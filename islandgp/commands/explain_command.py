@@ -47,7 +47,7 @@ def command(
     successes and failures in an episode, the points that the actions below it earn, and how many
     points change without it, with a 95 % interval over the worlds.
 
-    For a tree in the folder of a run with search=plans, what the run has learned about its actions
+    For a tree in the folder of a run whose search learns about actions, what it has learned
     follows.
     """
     from islandgp.evaluation.base import evaluated

@@ -205,7 +205,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
         perturbation = self.perturb if perturbed else None
         with plugin_errors(path_of(factory)):
             problem = Problem.of(factory, self.world, self.rewards, self.curriculum, perturbation)
-        return replace(problem, observed=getattr(self.search.factory, "observes", False))
+        return replace(problem, observer=getattr(self.search.factory, "observer", None))
 
     def plan(self, domain: Domain) -> Plan:
         """The plan of the run, for the evolution loop."""

@@ -25,7 +25,6 @@ from islandgp.bt.core.vocabulary import (
 )
 from islandgp.domain.contract import (
     MAX_DELAY,
-    ActionSample,
     Counter,
     Domain,
     Event,
@@ -52,7 +51,6 @@ __all__ = [
     "RUNNING",
     "SUCCESS",
     "Action",
-    "ActionSample",
     "Condition",
     "Counter",
     "Domain",

@@ -130,20 +130,6 @@ def total(values: Iterable[float]) -> float:
     return reduce(add, values, 0)
 
 
-class ActionSample(NamedTuple):
-    """Some executions of an action in an episode that started and ended alike."""
-
-    action: str  # text of the leaf, with its arguments
-    succeeded: bool
-    start: tuple[float, ...]
-    """The blackboard at the start of the first of them; () if another action succeeded right before
-    in the same tick, and this one ended in it."""
-    end: tuple[float, ...]  # after its end; () if another action may have changed it
-    points: float  # that the action earned, mean
-    times: int  # executions, >= 1
-    last: bool = False  # the episode ended right after it
-
-
 @dataclass(frozen=True, slots=True)
 class Outcome:
     """The result of one tree in one episode, or the mean of several."""
@@ -152,7 +138,7 @@ class Outcome:
     counters: Mapping[str, float]  # by counter of the schema
     seconds: float  # simulated s
     endings: tuple[str, ...]  # why each episode ended
-    samples: tuple[ActionSample, ...] = ()  # if the run's search `observes` actions; else ()
+    observed: tuple[Any, ...] = ()  # by the `observer` of the run's search, if it has one
 
     @property
     def fitness(self) -> float:

@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from itertools import islice
-from typing import TYPE_CHECKING, Any, Final, Protocol, Self, runtime_checkable
+from typing import Any, Final, Protocol, Self, runtime_checkable
 
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node
@@ -25,9 +25,6 @@ from islandgp.plugin import imported, raised_in
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.time_limit import TimeLimit
 
-if TYPE_CHECKING:
-    from islandgp.evaluation.action_observer import ActionObserver
-
 
 @dataclass(frozen=True, slots=True)
 class Job:
@@ -39,6 +36,14 @@ class Job:
     node: Node | None = field(default=None, compare=False, repr=False)  # `tree`, if parsed
 
 
+class EpisodeObserver(Observer, Protocol):
+    """An observer with a result, for a search that learns from more than outcomes."""
+
+    def result(self) -> tuple[Any, ...]:
+        """What it has found out, after the episode; values that can be pickled."""
+        ...
+
+
 @dataclass(frozen=True, slots=True)
 class Problem:
     """The domain and curriculum of a run's episodes. Shared by all jobs; sent to workers once."""
@@ -47,7 +52,8 @@ class Problem:
     curriculum: Curriculum
     stages: tuple[Domain, ...] = ()  # by stage, if stages change the world; () otherwise
     perturbed: PerturbedWorlds | None = None  # perturbed worlds to run in; None: as configured
-    observed: bool = False  # outcomes have samples of the actions
+    observer: Callable[[Node, Vocabulary], EpisodeObserver] | None = None
+    """Makes the observer of a tree's episode, whose result is `Outcome.observed`."""
 
     @classmethod
     def of(
@@ -227,7 +233,7 @@ def simulate(problem: Problem, job: Job, limit: float = 0) -> Outcome:
         prepare(problem.domain)
         with TimeLimit(limit):
             domain = problem.in_world(job.stage, job.seed)
-            observer = _observer(tree, domain) if problem.observed else None
+            observer = problem.observer and problem.observer(tree, domain.schema.vocabulary)
             outcome = domain.run_episode(tree, job.seed, weights, observer)
     except TimeLimitError as late:
         raise EvaluationError(blame(job, f"{late.running}; {RAISE_LIMIT}")) from None
@@ -244,13 +250,7 @@ def simulate(problem: Problem, job: Job, limit: float = 0) -> Outcome:
     if not abs(outcome.fitness) < MAX_POINTS:
         fault = f"{outcome.fitness} points; lower the rewards, or correct the amounts in the domain"
         raise EvaluationError(blame(job, fault))
-    return outcome if observer is None else replace(outcome, samples=observer.samples())
-
-
-def _observer(tree: Node, domain: Domain) -> ActionObserver:
-    from islandgp.evaluation.action_observer import ActionObserver  # only for a search that asks
-
-    return ActionObserver(tree, domain.schema.vocabulary)
+    return outcome if observer is None else replace(outcome, observed=observer.result())
 
 
 def in_floats(outcome: Outcome) -> Outcome:

@@ -168,7 +168,7 @@ def mean_outcome(outcomes: Sequence[Outcome]) -> Outcome:
         counters={c: total(o.counters[c] for o in outcomes) / n for c in first.counters},
         seconds=total(o.seconds for o in outcomes) / n,
         endings=tuple(ending for o in outcomes for ending in o.endings),
-        samples=tuple(sample for o in outcomes for sample in o.samples),
+        observed=tuple(each for o in outcomes for each in o.observed),
     )
 
 

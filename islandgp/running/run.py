@@ -298,9 +298,7 @@ def _finish(
         settings.classes.milestones,
         settings.supervisor.policy.get("most_fallback"),  # None: it has no fallback
         constraints=settings.constraints,
-        nothing_works=nothing_works(
-            totals.curves, settings.classes, settings.rewards, settings.search.name
-        ),
+        nothing_works=nothing_works(totals.curves, settings.classes, settings.rewards),
         learned=learned,
     )
     target.finish({**end, "stopped": last.stopped} if last.stopped else end, archive)

@@ -60,7 +60,9 @@ class Search(Protocol):
     keys of the groups `gp` and `library` that the search reads besides RUN_READS, as in
     `("gp.trees",)`. The plan and the library have nothing else. A third class attribute
     `Allocation` is a pydantic model of the keys of the group `allocation`: how the slots of a
-    generation are filled. The plan has an instance.
+    generation are filled. The plan has an instance. A search that learns from more than outcomes
+    has an `observer`: it is called with the tree and the vocabulary of each episode and returns its
+    `islandgp.evaluation.base.EpisodeObserver`, whose result is in `Outcome.observed`.
     """
 
     Memory: ClassVar[Any]

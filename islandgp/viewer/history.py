@@ -85,7 +85,7 @@ class RunCurves:
 MAX_NAMES: Final = 6  # most names in a sentence
 
 
-def nothing_works(curves: RunCurves, classes: Classes, rewards: object, search: str) -> str:
+def nothing_works(curves: RunCurves, classes: Classes, rewards: object) -> str:
     """A sentence on what no individual has achieved, with remedies; "" if something works.
 
     Something works if an individual has shown a behaviour and one has reached a tier. Points are
@@ -96,7 +96,6 @@ def nothing_works(curves: RunCurves, classes: Classes, rewards: object, search: 
         classes: of the run.
         rewards: of its domain; if it is a RewardTable, events that never paid are named, except
             those of a component with penalties, which may hide their points.
-        search: its name.
     """
     table = rewards.events if isinstance(rewards, RewardTable) else {}
     known = curves.earned | {row.component for row in table.values() if row.costs}
@@ -111,10 +110,9 @@ def nothing_works(curves: RunCurves, classes: Classes, rewards: object, search: 
         failures.append(f"shown a behaviour ({_listed(missing)})")
     if unpaid:
         failures.append(f"earned points for {_listed(unpaid)}")
-    other = "" if search == "plans" else " choose `search=plans`, which chains actions,"
     return (
         f"No individual has ever {' or '.join(failures)} in {curves.episodes[-1]:,.0f} episodes:"
-        f"{other} start from a tree (`start=`), add a library, reward a step before it, or raise"
+        " start from a tree (`start=`), add a library, reward a step before it, or raise"
         " `gp.episodes`."
     )
 

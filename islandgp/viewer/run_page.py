@@ -152,7 +152,7 @@ def _nothing_works(view: RunView) -> str:
     except (KeyError, ValidationError):  # a domain's own rewards
         rewards = None
     classes = Classes.model_validate(view.config["classes"])
-    return nothing_works(view.history, classes, rewards, view.config["search"]["name"])
+    return nothing_works(view.history, classes, rewards)
 
 
 def _facts(view: RunView) -> dict[str, str]:

@@ -70,7 +70,6 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     "anthropic": ("supervision.llm.client",),
     "httpx2": ("supervision.llm.client",),
     "xllamacpp": ("supervision.llm.local",),
-    "ray": ("evaluation.ray",),
     "cmaes": ("search.cma",),
     "scipy": ("statistics", "compare", "intervals"),
     "matplotlib": ("compare",),
@@ -86,7 +85,6 @@ SLOW = (
     "matplotlib",
     "anthropic",
     "httpx2",
-    "ray",
     "pandas",
     "lark",
     "rich",
@@ -215,11 +213,8 @@ def test_a_robot_loads_little() -> None:
 
 @pytest.mark.process
 def test_validating_is_quick() -> None:
-    """Choosing the language model, MLflow or Ray loads none of them before a run begins."""
-    code = (
-        "from tests.composed import composed\n"
-        "composed('supervisor=llm', 'tracking=mlflow', 'evaluator=ray')\n"
-    )
+    """Choosing the language model or MLflow loads none of them before a run begins."""
+    code = "from tests.composed import composed\ncomposed('supervisor=llm', 'tracking=mlflow')\n"
     assert loaded_after(code) == set()
 
 

@@ -23,9 +23,9 @@ from islandgp.errors import DomainError, EvaluationError
 from islandgp.evaluation import processes
 from islandgp.evaluation.base import Cached, EarlyEvaluator, Evaluator, Job, Problem, simulate
 from islandgp.evaluation.processes import Processes
-from islandgp.evaluation.ray import Ray, batch_size, own_token
 from islandgp.evaluation.serial import Serial
 from islandgp.scoring.curriculum import Curriculum, Stage
+from islandgp_ray.evaluator import Ray
 from tests.domains.courier import Courier, World
 
 pytestmark = pytest.mark.process
@@ -55,17 +55,16 @@ EXPECTED = tuple(Serial(SETTING).evaluate(JOBS))
 """What the jobs come to, one after the other in this process."""
 
 
-def ray(problem: Problem | None = None) -> Ray:
+def ray(problem: Problem) -> Ray:
     """A cluster of two workers on this machine."""
-    settings = Ray.Settings(address="local", cpus=1, retries=2, workers=2)
-    return Ray(settings, problem or SETTING)
+    return Ray(Ray.Settings(address="local", cpus=1, retries=2, workers=2), problem)
 
 
 MAKERS: dict[str, Callable[[], Evaluator]] = {
     "serial": lambda: Serial(SETTING),
     "processes": lambda: Processes(SETTING, 2),
     "cached processes": lambda: Cached(Processes(SETTING, 2)),
-    "ray": ray,
+    "ray": lambda: ray(SETTING),
 }
 
 
@@ -284,92 +283,6 @@ def test_workers_run_a_class_of_a_script(tmp_path: Path) -> None:
     assert process.stdout.splitlines()[-1] == "1"
 
 
-@pytest.mark.slow
-def test_a_ray_worker_killed_in_the_middle_loses_nothing(tmp_path: Path) -> None:
-    """Ray runs the job again that killed its worker, and the others as if nothing had been."""
-    pytest.importorskip("ray")
-    evaluator = ray(deadly(tmp_path / "died"))
-    try:
-        outcomes = evaluator.evaluate([*JOBS[:6], KILLER, *JOBS[6:]])
-    finally:
-        evaluator.close()
-    assert (tmp_path / "died").exists()
-    assert tuple(outcomes[:6] + outcomes[7:]) == EXPECTED
-
-
-@pytest.mark.slow
-def test_a_job_that_kills_ray_workers_is_named() -> None:
-    """After its retries the error names tree and seed."""
-    pytest.importorskip("ray")
-    evaluator = ray(deadly())
-    try:
-        with pytest.raises(EvaluationError, match=r"world seed 9001.*died again and again"):
-            evaluator.evaluate([JOBS[0], KILLER])
-    finally:
-        evaluator.close()
-
-
-@pytest.mark.slow
-def test_a_job_that_kills_its_worker_is_found_in_its_batch() -> None:
-    """The others of its task run again, one by one."""
-    pytest.importorskip("ray")
-    evaluator = ray(deadly())
-    evaluator._episode_s = 0.001  # so that a task has several episodes
-    try:
-        with pytest.raises(EvaluationError, match=r"world seed 9001.*died again and again"):
-            evaluator.evaluate([*JOBS, KILLER, *JOBS])
-    finally:
-        evaluator.close()
-
-
-@pytest.mark.parametrize(
-    ("episode_s", "jobs", "workers", "size"),
-    [(1.0, 100, 2, 1), (0.01, 1000, 2, 25), (0.01, 30, 2, 5), (0.001, 4, 8, 1), (0.0, 0, 1, 1)],
-)
-def test_a_task_has_episodes_for_a_quarter_of_a_second(
-    episode_s: float, jobs: int, workers: int, size: int
-) -> None:
-    """But there are at least three tasks for each worker."""
-    assert batch_size(episode_s, jobs, workers) == size
-
-
-@pytest.mark.slow
-def test_a_cluster_that_is_not_there_is_named() -> None:
-    """The message gives the command to start one, or to do without."""
-    pytest.importorskip("ray")
-    settings = Ray.Settings(address="127.0.0.1:9", cpus=1, retries=0, workers=0)
-    with pytest.raises(EvaluationError, match=r"Expected a Ray cluster at '127\.0\.0\.1:9'"):
-        Ray(settings, SETTING)
-
-
-def test_a_cluster_that_has_ended_is_reported() -> None:
-    """Ray would end the process silently; an address without a listener is enough."""
-    evaluator = Ray.__new__(Ray)
-    evaluator._head = evaluator._node = "127.0.0.1:9"
-    with pytest.raises(
-        EvaluationError, match=r"Ray cluster at '127\.0\.0\.1:9', found that it has"
-    ):
-        evaluator._must_be_there()
-
-
-def test_the_cluster_of_a_run_leaves_no_token(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Its token is in the environment alone; one that the user has chosen stays."""
-    monkeypatch.setattr(Path, "home", lambda: tmp_path)
-    monkeypatch.setattr(os, "environ", {"RAY_AUTH_TOKEN_PATH": "/mine"})
-    own_token()
-    assert os.environ == {"RAY_AUTH_TOKEN_PATH": "/mine"}
-    monkeypatch.setattr(os, "environ", {})
-    own_token()
-    assert len(os.environ["RAY_AUTH_TOKEN"]) == 64
-    (tmp_path / ".ray").mkdir()
-    (tmp_path / ".ray/auth_token").write_text("mine")
-    monkeypatch.setattr(os, "environ", {})
-    own_token()
-    assert os.environ == {}
-
-
 class Broken:
     """A domain of a user's that fails."""
 
@@ -387,7 +300,7 @@ def test_points_must_be_finite_and_not_huge(points: float) -> None:
     setting: Any = SimpleNamespace(
         domain=None,
         curriculum=SimpleNamespace(multipliers=lambda _: {}),
-        observed=False,
+        observer=None,
         in_world=lambda *_: SimpleNamespace(
             run_episode=lambda *_: Outcome({"p": points}, {}, 1, ("",))
         ),
@@ -402,7 +315,7 @@ def test_an_error_names_the_line_of_the_user_s_code() -> None:
         domain=None,
         curriculum=SimpleNamespace(multipliers=lambda _: {}),
         in_world=lambda *_: Broken(),
-        observed=False,
+        observer=None,
     )
     line = Broken._worked_out.__code__.co_firstlineno + 1
     with pytest.raises(EvaluationError, match=f"found none, in {__file__}, line {line}. The run"):

@@ -44,18 +44,20 @@ hidden = "broken_plugin.conf"
 PLUGINS = sorted(file.parent for file in ROOT.glob("plugins/*/pyproject.toml"))
 TREE = "selector { when batteryLevel < 40 { SeekCharger } PatrolWaypoint }"
 COMMANDS = {
+    "ray": (("run", "evaluator=ray", "--cfg", "job"), 0, "factory: islandgp_ray.evaluator:Ray"),
+    "plans": (("run", "search=plans", "--cfg", "job"), 0, "factory: islandgp_plans.plans:Plans"),
     "editor": (("language-server", "--help"), 0, "Serve an editor over standard input and output"),
     "judge": (("judge", "--domain", "moon"), 2, "--domain: expected one of island, lunarlander"),
     "verify": (("verify-tree", "tree.bt", "never SeekCharger while lap > 3"), 1, ": refuted, in 1"),
     "ros2": (("ros2", "tree.bt", "--map", "tree.bt"), 2, "tree.bt: expected `actions:` and"),
 }
-"""The words of a command of each plug-in, its exit code, and what it prints."""
+"""Words that only an installed plug-in understands, their exit code, and what they print."""
 
 
 def commands_of(folder: Path) -> dict[str, str]:
     """The entry points of a plug-in's commands, by name."""
     project = tomllib.loads((folder / "pyproject.toml").read_text(encoding="utf-8"))["project"]
-    commands: dict[str, str] = project["entry-points"]["islandgp.commands"]
+    commands: dict[str, str] = project["entry-points"].get("islandgp.commands", {})
     return commands
 
 
@@ -180,7 +182,7 @@ def test_each_plugin_from_its_wheel(python: Path, tmp_path: Path) -> None:
     for folder in PLUGINS:
         words, code, text = COMMANDS[folder.name]
         missing = run(command, *words, cwd=tmp_path)
-        assert missing.stderr.startswith(f"islandgp: expected a command, found {words[0]!r}")
+        assert re.match(r"islandgp: (expected a command|\w+=\w+: unknown option)", missing.stderr)
         wheel = wheel_of(folder, tmp_path / folder.name)
         tops = {name.partition("/")[0] for name in zipfile.ZipFile(wheel).namelist()}
         assert {t for t in tops if not t.endswith(".dist-info")} == {f"islandgp_{folder.name}"}
@@ -207,6 +209,6 @@ def test_nothing_in_the_core_knows_a_plugin() -> None:
     names = {path.name for path in (ROOT / "plugins").glob("*/islandgp_*")}
     for folder in PLUGINS:
         names |= {f"islandgp {name}" for name in commands_of(folder)}
-    assert len(names) >= 2 * len(PLUGINS) > 0
+    assert len(names) > len(PLUGINS) > 0
     sources = [path.read_text(encoding="utf-8") for path in PACKAGE.rglob("*.py")]
     assert [name for name in names if any(name in source for source in sources)] == []

@@ -26,8 +26,8 @@ from tests.samples import CLASSES
 from tests.tracking.folders import steps
 from tests.tracking.test_metrics import COST, metrics
 
-PAGES = ("running", "sweeps", "results", "mlflow")
-TEXT = "\n".join((ROOT / f"docs/{page}.md").read_text(encoding="utf-8") for page in PAGES)
+PAGES = ("docs/running", "docs/sweeps", "docs/results", "docs/mlflow", "plugins/ray/README")
+TEXT = "\n".join((ROOT / f"{page}.md").read_text(encoding="utf-8") for page in PAGES)
 TINY = [
     "experiment=smoke",
     "name=default",

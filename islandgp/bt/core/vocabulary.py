@@ -109,7 +109,7 @@ class Action:
     statuses: Statuses = STATUSES  # that it can return
     to_start: Conditions = ()  # it fails in its first tick unless these hold
     to_succeed: Conditions = ()  # these hold in the tick in which it succeeds
-    gives: Conditions = ()  # these hold after its success, as far as `search=plans` knows at first
+    gives: Conditions = ()  # these hold after its success, for searches that plan
     changes: Mapping[str, int] = field(default_factory=dict)
     """Keys that its success changes: -1 makes the value smaller, 1 larger."""
     after: tuple[str, ...] = ()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from dataclasses import replace
 from functools import cache
@@ -9,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from chain import SCHEMA, chain
 from click.testing import CliRunner
 
 import islandgp
@@ -16,8 +18,7 @@ from islandgp.bt.core.language import parse, parse_condition, to_text
 from islandgp.bt.core.node import selector
 from islandgp.bt.core.printer import condition_text, head
 from islandgp.cli import islandgp as command
-from islandgp.domain import Action, ActionSample, Condition, Vocabulary, enumeration
-from islandgp.evaluation.action_observer import ActionObserver
+from islandgp.domain import Action, Condition, Vocabulary, enumeration
 from islandgp.evaluation.base import Evaluator, Problem
 from islandgp.evaluation.processes import Processes
 from islandgp.evaluation.serial import Serial
@@ -30,17 +31,17 @@ from islandgp.running.parts import make_search
 from islandgp.running.report import report
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.curriculum import Curriculum
-from islandgp.search.action_models import ActionModel, Learner, recorded
 from islandgp.search.breeding import digest
-from islandgp.search.neutral import Screen
-from islandgp.search.planning import Planner, branches
-from islandgp.search.plans import Plans, PlansMemory
-from islandgp.search.policies import best_policy
 from islandgp.search.racing import RacingMemory
+from islandgp_plans.action_models import ActionModel, ActionSample, Learner, recorded
+from islandgp_plans.action_observer import ActionObserver
+from islandgp_plans.neutral import Screen
+from islandgp_plans.planning import Planner, branches
+from islandgp_plans.plans import Plans, PlansMemory
+from islandgp_plans.policies import best_policy
 from tests.composed import composed
 from tests.evolution.runs import Constant, lines
 from tests.running.commands import ROOT
-from tests.search.chain import SCHEMA, chain
 
 VOCABULARY = SCHEMA.vocabulary
 CLASSES = {
@@ -50,7 +51,7 @@ CLASSES = {
     "milestones": ["opener"],
 }
 CURRICULUM = {"generations_per_epoch": 5, "stages": [{"epochs": (1, 1), "multipliers": {}}]}
-PROBLEM = Problem(chain(), Curriculum.model_validate(CURRICULUM), observed=True)
+PROBLEM = Problem(chain(), Curriculum.model_validate(CURRICULUM), observer=ActionObserver)
 
 
 @cache
@@ -162,7 +163,7 @@ def test_samples_of_an_episode(
     node = parse(tree, VOCABULARY)
     observer = ActionObserver(node, VOCABULARY)
     chain().run_episode(node, 0, {}, observer)
-    found = [s for s in observer.samples() if s.action == action]
+    found = [s for s in observer.result() if s.action == action]
     assert {s.succeeded for s in found} == {succeeded for succeeded, _ in expected}
     assert any(s.start for s in found) == (action != "Fetch" or not tree.startswith("sequence"))
     for _, terms in expected:
@@ -237,8 +238,21 @@ def test_a_neutral_child_calls_the_same_actions(child: str, neutral: bool) -> No
     mother = parse("selector { when place == yard { Drive } Fetch }", VOCABULARY)
     observer = ActionObserver(mother, VOCABULARY)
     chain().run_episode(mother, 0, {}, observer)
-    screen = Screen(VOCABULARY, {digest(mother): observer.samples()})
+    screen = Screen(VOCABULARY, {digest(mother): observer.result()})
     assert screen.neutral(parse(child, VOCABULARY), mother) == neutral
+
+
+def test_the_commands_of_the_page_compose(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The pages of the plug-in and of its robots, in their folders."""
+    chains = ROOT / "plugins/plans/chains"
+    monkeypatch.syspath_prepend(str(chains))
+    for page in (chains.parent / "README.md", chains / "README.md"):
+        found = re.findall(r"^python -m islandgp (.*)$", page.read_text(encoding="utf-8"), re.M)
+        for words in map(str.split, found):
+            folder = chains / "conf" if words[0] == "--config-dir" else None
+            overrides = [word for word in words if "=" in word]
+            assert islandgp.compose(*overrides, config_dir=folder).settings.search.name == "plans"
+        assert found
 
 
 def test_what_was_learned_is_printed_and_explained(
@@ -246,7 +260,7 @@ def test_what_was_learned_is_printed_and_explained(
 ) -> None:
     """After the run, in its summary, and by `explain` for the actions of its best tree."""
     folder = tmp_path / "chains"
-    shutil.copytree(ROOT / "examples/chains", folder)
+    shutil.copytree(ROOT / "plugins/plans/chains", folder)
     monkeypatch.chdir(folder)
     monkeypatch.syspath_prepend(str(folder))
     results = islandgp.run(

@@ -16,7 +16,7 @@ import numpy as np
 from islandgp.bt.core.condition import OPPOSITE, Condition, combine
 from islandgp.bt.core.node import Node, guarded
 from islandgp.bt.core.vocabulary import Vocabulary
-from islandgp.search.action_models import ActionModel
+from islandgp_plans.action_models import ActionModel
 
 MAX_LEVELS: Final = 8  # of achievers for needs of achievers
 MAX_RULES: Final = 40

@@ -38,25 +38,26 @@ from islandgp.bt.core.node import (
     within,
 )
 from islandgp.bt.core.printer import head
-from islandgp.domain import ActionSample
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Evaluated, Origin
 from islandgp.gp.random_trees import weighted
-from islandgp.search.action_models import (
+from islandgp.search.base import SearchState
+from islandgp.search.breeding import GenerationPlan, Pick, Proposal, digest, new_child
+from islandgp.search.racing import Racing, RacingMemory, RacingSettings
+from islandgp_plans.action_models import (
     ActionModel,
     ActionRecord,
+    ActionSample,
     Learner,
     all_leaves,
     recorded,
     small_world,
     without_numbers,
 )
-from islandgp.search.base import SearchState
-from islandgp.search.breeding import GenerationPlan, Pick, Proposal, digest, new_child
-from islandgp.search.neutral import Screen
-from islandgp.search.planning import Planner, Rule, branches
-from islandgp.search.policies import best_policy
-from islandgp.search.racing import Racing, RacingMemory, RacingSettings
+from islandgp_plans.action_observer import ActionObserver
+from islandgp_plans.neutral import Screen
+from islandgp_plans.planning import Planner, Rule, branches
+from islandgp_plans.policies import best_policy
 
 TRIES: Final = 10  # attempts to make a tree from a plan
 CHILDREN: Final = 15  # attempts to make a child that does not act as its mother
@@ -90,7 +91,7 @@ class Plans(Racing):
 
     Settings = PlansSettings  # type: ignore[assignment] # with more fields
     Memory: ClassVar[Any] = PlansMemory
-    observes: ClassVar[bool] = True
+    observer: ClassVar[Any] = ActionObserver
     settings: PlansSettings
 
     def __init__(self, settings: PlansSettings, plan: Plan, library: Sequence[Node]) -> None:
@@ -141,10 +142,10 @@ class Plans(Racing):
             replace(state, memory=None if before is None else before.racing), evaluated
         )
         actions = {} if before is None else before.actions
-        samples = (sample for e in evaluated for sample in e.outcome.samples)
+        samples = (sample for e in evaluated for sample in e.outcome.observed)
         visited = {} if before is None else dict(before.visited)
         for e in evaluated:
-            known = [sample for sample in e.outcome.samples if sample.start]
+            known = [sample for sample in e.outcome.observed if sample.start]
             visited[digest(e.individual.tree)] = tuple(known[:MAX_SAMPLES])
         survivors = [digest(entry.tree) for entry in racing.entries]
         return PlansMemory(

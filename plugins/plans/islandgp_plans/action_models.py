@@ -16,7 +16,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import islice, product
-from typing import Final
+from typing import Final, NamedTuple
 
 import numpy as np
 
@@ -25,7 +25,6 @@ from islandgp.bt.core.node import ActionArgs, Node
 from islandgp.bt.core.parameters import leaf_of
 from islandgp.bt.core.printer import condition_text
 from islandgp.bt.core.vocabulary import Key, Vocabulary
-from islandgp.domain import ActionSample
 
 BINS: Final = 4  # of a number's range
 WORDLIKE: Final = 12  # a whole number with at most so many values has a cell for each
@@ -42,6 +41,20 @@ RELIABLE: Final = 3  # failures in a cell after which it counts in full
 THRESHOLDS: Final = 8  # of a number that are tried
 
 Board = tuple[float, ...]
+
+
+class ActionSample(NamedTuple):
+    """Some executions of an action in an episode that started and ended alike."""
+
+    action: str  # text of the leaf, with its arguments
+    succeeded: bool
+    start: Board
+    """The blackboard at the start of the first of them; () if another action succeeded right before
+    in the same tick, and this one ended in it."""
+    end: Board  # after its end; () if another action may have changed it
+    points: float  # that the action earned, mean
+    times: int  # executions, >= 1
+    last: bool = False  # the episode ended right after it
 
 
 def wordlike(key: Key) -> bool:

@@ -16,9 +16,8 @@ from islandgp.bt.core.engine import compile_tree
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, ActionArgs, Node
 from islandgp.bt.core.printer import head
 from islandgp.bt.core.vocabulary import Vocabulary
-from islandgp.domain import ActionSample
-from islandgp.search.action_models import without_numbers
 from islandgp.search.breeding import digest
+from islandgp_plans.action_models import ActionSample, without_numbers
 
 Calls = tuple[ActionArgs, ...]
 

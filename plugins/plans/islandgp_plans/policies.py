@@ -17,7 +17,7 @@ from islandgp.bt.core.condition import Condition, ConditionExpr, combine
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import Node, guarded, selector
 from islandgp.bt.core.vocabulary import Vocabulary
-from islandgp.search.action_models import ActionRecord, Board, Cell, small_world
+from islandgp_plans.action_models import ActionRecord, Board, Cell, small_world
 
 MAX_STATES: Final = 100
 MAX_KEYS: Final = 3

@@ -11,8 +11,8 @@ from islandgp.bt.core.engine import ABORTED
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, walk
 from islandgp.bt.core.printer import head
 from islandgp.bt.core.vocabulary import Vocabulary
-from islandgp.domain import ActionSample, Scene
-from islandgp.search.action_models import cell_of, small_world, without_numbers
+from islandgp.domain import Scene
+from islandgp_plans.action_models import ActionSample, cell_of, small_world, without_numbers
 
 WAITING: Final = -1
 MAX_CELLS: Final = 12  # of an episode, by action and result
@@ -37,7 +37,7 @@ _Cell = tuple[str, bool, tuple[int, ...], tuple[float, ...], bool]
 
 
 class ActionObserver:
-    """An `Observer` of one episode. The samples are a function of the episode alone.
+    """An `EpisodeObserver` of one episode. The samples are a function of the episode alone.
 
     The blackboard is read once a tick. So the start of an action is that of its first tick if no
     other one ran or succeeded before it in this tick, else that of its second tick. Its end is
@@ -98,7 +98,7 @@ class ActionObserver:
         self._calls.clear()
         self._credits.clear()
 
-    def samples(self) -> tuple[ActionSample, ...]:
+    def result(self) -> tuple[ActionSample, ...]:
         """The samples of the episode, which has ended; one for each cell of the blackboard."""
         for execution in self._ended:
             execution.points += self._credits.pop(execution.action.partition("(")[0], 0.0)

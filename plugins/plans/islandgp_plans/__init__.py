@@ -1,0 +1,1 @@
+"""`search=plans`: racing with plans of actions that are learned from the episodes."""

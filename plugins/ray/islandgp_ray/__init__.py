@@ -1,0 +1,1 @@
+"""`evaluator=ray`: episodes on a Ray cluster."""
