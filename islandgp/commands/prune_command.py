@@ -80,6 +80,7 @@ def command(
             tree,
             problem.domain.schema.vocabulary,
             outcomes,
+            problem.run(index),
             fresh_worlds(seed),
             keep,
             episodes=episodes,

@@ -2,7 +2,9 @@
 
 Trees of genetic programming carry nodes without effect (bloat). `shorten` tries shorter forms of a
 tree in the same worlds as the tree itself and keeps those without a loss, by sequential halving: a
-form that loses clearly in a few worlds is rejected there. The result is a front of trees from the
+form that loses clearly in a few worlds is rejected there. The nodes that run least are removed
+first, many at once while that holds, as in delta debugging (Zeller and Hildebrandt 2002,
+Simplifying and Isolating Failure-Inducing Input). The result is a front of trees from the
 longest to the shortest. As each of them was chosen in the worlds in which it was tried, `confirm`
 evaluates the front in fresh worlds and returns the shortest tree that holds there as well.
 """
@@ -19,17 +21,26 @@ from typing import Final, TypeAlias
 
 from pydantic import BaseModel, Field
 
-from islandgp.bt.analysis.shorter import ShorterForm, freed_forms, rounded_forms, shorter_forms
+from islandgp.bt.analysis.shorter import (
+    ShorterForm,
+    freed_forms,
+    removable,
+    removal,
+    rounded_forms,
+    shorter_forms,
+    without,
+)
 from islandgp.bt.analysis.simplify import simplify
 from islandgp.bt.core.node import Node, size
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.domain import Outcome
 from islandgp.scoring.classes import Classes, tiers
 from islandgp.scoring.constraints import Constraints, mean_violation
+from islandgp.scoring.explain import Run, usage
 
 FIRST: Final = 4  # worlds in which every form is tried
 BATCH: Final = 4  # forms that are tried at once
-DIGITS: Final = (1, 2)  # significant digits of rounded numbers, the fewest first
+OBSERVED: Final = 6  # worlds in which it is counted how often each node runs
 NEEDED: Final = 0.1  # a form that loses this share of the fitness is tried once only
 LOST_SHARE: Final = 0.05  # of the worlds in which a tier or behaviour may be lost
 FRONT: Final = 8  # most trees of a front that are confirmed
@@ -46,7 +57,7 @@ class Pruning(BaseModel, frozen=True, extra="forbid"):
 
     tolerance: float = Field(0.01, ge=0, le=0.5)
     """Largest loss of mean fitness, as a share of the mean size of the tree's fitness."""
-    episodes: int = Field(1500, ge=0, le=1_000_000)  # at most; 0: the tree stays as it is
+    episodes: int = Field(800, ge=0, le=1_000_000)  # at most; 0: the tree stays as it is
     budget_share: float = Field(0.15, ge=0, le=0.5)  # of `budget.episodes`, at most
     worlds: int = Field(20, ge=FIRST, le=1000)  # in which a shorter form is compared, at most
 
@@ -148,6 +159,7 @@ class Bench:
 
     standard: Standard  # the original's outcomes in all worlds
     evaluate: Evaluate
+    run: Run  # runs an observed episode
     worlds: Sequence[int]
     episodes: int  # at most
     spent: int = 0
@@ -166,6 +178,12 @@ class Bench:
                     self.known[tree] = [*self.known.get(tree, ()), *outcomes]
         return [self.known[tree][:worlds] for tree in trees]
 
+    def ticks(self, tree: Node) -> list[float]:
+        """In how many ticks of an episode each node runs, in document order."""
+        worlds = self.worlds[:OBSERVED]
+        self.spent += len(worlds)
+        return [node.ticks for node in usage(self.run, tree, worlds)]
+
     def affords(self, trees: int) -> bool:
         """True if the first worlds of some trees and all worlds of one are within the budget."""
         return self.spent + trees * FIRST + len(self.worlds) <= self.episodes
@@ -180,14 +198,34 @@ def shorten(tree: Node, bench: Bench, vocabulary: Vocabulary) -> list[Shortened]
     """
     front = [Shortened(tree, "", 0.0)]
     bench.last = bench.outcomes([tree], len(bench.worlds))[0]
-    while _pass(front, shorter_forms, bench, vocabulary):
-        pass  # a change may allow others that were rejected before
-    while _pass(front, partial(freed_forms, vocabulary=vocabulary), bench, vocabulary):
-        pass
-    for digits in DIGITS:
-        while _pass(front, partial(rounded_forms, digits=digits), bench, vocabulary):
-            pass
+    _without_rare_nodes(front, bench, vocabulary)
+    for forms in (shorter_forms, partial(freed_forms, vocabulary=vocabulary), rounded_forms):
+        while _pass(front, forms, bench, vocabulary):
+            pass  # a change may allow others that were rejected before
     return front
+
+
+def _without_rare_nodes(front: list[Shortened], bench: Bench, vocabulary: Vocabulary) -> None:
+    """Removes the nodes that run least from the last tree, many at once while that holds."""
+    tree = front[-1].tree
+    order = sorted(removable(tree), key=bench.ticks(tree).__getitem__)
+    gone, start, many = frozenset[int](), 0, max(1, len(order) // 2)
+    while start < len(order) and bench.affords(1):
+        more = gone.union(order[start : start + many])
+        form = without(tree, more)
+        shorter = form and simplify(form, vocabulary).tree
+        outcomes = shorter and _kept_outcomes(shorter, bench)
+        if shorter and outcomes:
+            bench.last = outcomes
+            if shorter != front[-1].tree:
+                change = removal(tree, more - gone)
+                mean = fmean(bench.standard.differences(outcomes))
+                front.append(Shortened(shorter, change, mean))
+            gone, start = more, start + many
+        elif many == 1:
+            start += 1
+        else:
+            many //= 2
 
 
 def _pass(
@@ -343,6 +381,7 @@ def prune(
     tree: Node,
     vocabulary: Vocabulary,
     evaluate: Evaluate,
+    run: Run,
     worlds: Callable[[int], Sequence[int]],
     keep: Keep,
     *,
@@ -358,6 +397,7 @@ def prune(
         tree: the original.
         vocabulary: of its domain.
         evaluate: runs episodes.
+        run: runs an observed episode.
         worlds: returns that number of fresh world seeds at each call.
         keep: what a shorter tree must keep.
         episodes: at most.
@@ -377,7 +417,7 @@ def prune(
         (reference,) = evaluate([simple], seeds)
         earns_nothing = not any(outcome.fitness for outcome in reference)
         bench = Bench(
-            Standard(reference, keep), evaluate, seeds, search, count, {simple: reference}
+            Standard(reference, keep), evaluate, run, seeds, search, count, {simple: reference}
         )
         new = [] if earns_nothing else shorten(steps[-1].tree, bench, vocabulary)
         spent += bench.spent

@@ -114,6 +114,7 @@ def best_robot(
         tree,
         vocabulary,
         outcomes,
+        problem.run(stage),
         worlds,
         Keep(settings.prune.tolerance, settings.classes, settings.constraints),
         episodes=episodes.pruning - explaining,

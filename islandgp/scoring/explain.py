@@ -6,7 +6,7 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean
 
-from islandgp.bt.analysis.shorter import without
+from islandgp.bt.analysis.shorter import removable, without
 from islandgp.bt.core.engine import ABORTED
 from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.node import (
@@ -142,8 +142,8 @@ def with_losses(
     """
     shorter = {
         place: form
-        for place in range(len(usages))
-        if place not in leave_out and (form := without(tree, place))
+        for place in removable(tree)
+        if place not in leave_out and (form := without(tree, {place}))
     }
     original, *outcomes = evaluate([tree, *shorter.values()], worlds)
     losses = {

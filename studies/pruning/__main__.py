@@ -1,4 +1,4 @@
-"""Makes runs and writes the table: python -m studies.pruning [--seeds 20] [--first 9200].
+"""Makes runs and writes the table: python -m studies.pruning [--seeds 20] [--first 9400].
 
 Runs that are in results/robots.jsonl are not repeated.
 """
@@ -8,13 +8,13 @@ from __future__ import annotations
 import argparse
 import json
 from collections.abc import Mapping, Sequence
-from math import sqrt
 from pathlib import Path
-from statistics import fmean, stdev
+from statistics import fmean
 from typing import Any
 
 import islandgp
 from islandgp.bt.core.node import size
+from islandgp.intervals import interval
 from islandgp.scoring.classes import tiers
 
 RESULTS = Path(__file__).parent / "results"
@@ -78,12 +78,11 @@ def row(name: str, robots: Sequence[Mapping[str, Any]]) -> str:
     """A row of the table."""
     before, after = ([robot["nodes"][k] for robot in robots] for k in range(2))
     shares = [100 * robot["difference"] for robot in robots]
-    half = 2.09 * stdev(shares) / sqrt(len(shares)) if len(shares) > 1 else float("nan")
-    mean = fmean(shares)
+    mean, low, high = interval(shares)
     lost = max(robot["lost"] for robot in robots)
     return (
         f"| {name} | {len(robots)} | {fmean(before):.1f} | {fmean(after):.1f} | {max(after)}"
-        f" | {mean:+.2f} % [{mean - half:+.2f}, {mean + half:+.2f}] | {lost:.1%} |"
+        f" | {mean:+.2f} % [{low:+.2f}, {high:+.2f}] | {lost:.1%} |"
     )
 
 
@@ -91,7 +90,7 @@ def main() -> None:
     """Write the table."""
     parser = argparse.ArgumentParser(prog="python -m studies.pruning", description=__doc__)
     parser.add_argument("--seeds", type=int, default=20)
-    parser.add_argument("--first", type=int, default=9200)
+    parser.add_argument("--first", type=int, default=9400)
     parser.add_argument("--world", choices=ARMS, help="only this one")
     options = parser.parse_args()
     RESULTS.mkdir(exist_ok=True)

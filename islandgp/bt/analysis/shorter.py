@@ -6,7 +6,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from itertools import count
 from math import floor, log10
 from typing import Final, NamedTuple
@@ -19,7 +19,9 @@ from islandgp.bt.core.node import GuardArgs, Node, guard_of, replace_at, size, w
 from islandgp.bt.core.printer import condition_text, head
 from islandgp.bt.core.vocabulary import Vocabulary
 
+DIGITS: Final = 2  # significant digits of rounded numbers
 MAX_WORDS: Final = 60  # characters of a node in a description
+MAX_NAMES: Final = 3  # nodes in a description
 
 
 class ShorterForm(NamedTuple):
@@ -64,28 +66,47 @@ def _with_heads(node: Node, above: tuple[str, ...] = ()) -> Iterator[tuple[Node,
         yield from _with_heads(child, path)
 
 
-def without(tree: Node, place: int) -> Node | None:
-    """The tree without one of its nodes and what is below it.
+def removable(tree: Node) -> list[int]:
+    """The places, in document order from 0, of the nodes that their parents can do without."""
+    places: list[int] = []
+    numbers = count()
+
+    def visit(node: Node, among_others: bool) -> None:
+        here = next(numbers)
+        if among_others:
+            places.append(here)
+        for child in node.children:
+            visit(child, _is_composite(node) and len(node.children) > 1)
+
+    visit(tree, False)
+    return places
+
+
+def without(tree: Node, places: Collection[int]) -> Node | None:
+    """The tree without some of its nodes and what is below them.
 
     Args:
         tree: any tree.
-        place: of the node in document order, from 0.
+        places: of the nodes, some of `removable`.
 
     Returns:
-        The shorter tree. None for the root, and for a node that its parent cannot do without, such
-        as the child of a decorator.
+        The shorter tree, in which no node is left without children. None if no node is left.
     """
-    before = 0
-    for at, node in enumerate(walk(tree)):
-        before = at + 1
-        for index, child in enumerate(node.children):
-            if before == place:
-                if not _is_composite(node) or len(node.children) == 1:
-                    return None
-                rest = (*node.children[:index], *node.children[index + 1 :])
-                return replace_at(tree, at, _unwrapped(node, rest))
-            before += size(child)
-    return None
+    numbers = count()
+
+    def visit(node: Node, gone: bool) -> Node | None:
+        gone = next(numbers) in places or gone
+        visited = [visit(child, gone) for child in node.children]
+        children = tuple(child for child in visited if child is not None)
+        if gone or (node.children and not children):
+            return None
+        return (
+            _unwrapped(node, children)
+            if len(children) < len(node.children)
+            else node._replace(children=children)
+        )
+
+    return visit(tree, False)
 
 
 def _is_composite(node: Node) -> bool:
@@ -182,12 +203,11 @@ def freed_forms(tree: Node, vocabulary: Vocabulary) -> list[ShorterForm]:
     return forms
 
 
-def rounded_forms(tree: Node, digits: int) -> list[ShorterForm]:
-    """The tree with its thresholds rounded: first all of them, then each one alone.
+def rounded_forms(tree: Node) -> list[ShorterForm]:
+    """The tree with its thresholds rounded to two digits: first all of them, then each one alone.
 
     Args:
         tree: any tree.
-        digits: significant digits, >= 1.
 
     Returns:
         Distinct trees, none of them equal to `tree`; empty if all numbers are as short already.
@@ -197,16 +217,16 @@ def rounded_forms(tree: Node, digits: int) -> list[ShorterForm]:
         for place, node in enumerate(walk(tree))
         if node.guard is not None
         for index, term in enumerate(terms(node.guard.condition))
-        if term.number != rounded(term.number, digits)
+        if term.number != rounded(term.number, DIGITS)
     ]
     everything = tree
     single: list[ShorterForm] = []
     for place, index in places:
-        changed, words = _with_rounded(tree, place, index, digits)
+        changed, words = _with_rounded(tree, place, index)
         single.append(ShorterForm(changed, words, 0))
-        everything, _ = _with_rounded(everything, place, index, digits)
-    unit = f"{digits} digit{'s' * (digits > 1)}"
-    together = [ShorterForm(everything, f"with {len(places)} numbers rounded to {unit}", 0)]
+        everything, _ = _with_rounded(everything, place, index)
+    change = f"with {len(places)} numbers rounded to {DIGITS} digits"
+    together = [ShorterForm(everything, change, 0)]
     return [*(together if len(places) > 1 else []), *single]
 
 
@@ -217,12 +237,12 @@ def rounded(number: float, digits: int) -> float:
     return round(number, digits - 1 - floor(log10(abs(number))))
 
 
-def _with_rounded(tree: Node, place: int, index: int, digits: int) -> tuple[Node, str]:
+def _with_rounded(tree: Node, place: int, index: int) -> tuple[Node, str]:
     """The tree with one threshold rounded, and the change in words."""
     node = list(walk(tree))[place]
     assert node.guard is not None
     before = list(terms(node.guard.condition))[index]
-    after = before._replace(number=rounded(before.number, digits))
+    after = before._replace(number=rounded(before.number, DIGITS))
     condition = _replaced(node.guard.condition, index, after)
     new = node._replace(args=node.guard._replace(condition=condition))
     return (
@@ -235,6 +255,17 @@ def _replaced(condition: ConditionExpr, index: int, term: Condition) -> Conditio
     changed = with_term(condition, index, term)
     assert changed is not None
     return changed
+
+
+def removal(tree: Node, places: Collection[int]) -> str:
+    """What `without` takes away, in words."""
+    names, end = [], 0
+    for place, node in enumerate(walk(tree)):
+        if place in places and place >= end:
+            names.append(_named(node))
+            end = place + size(node)
+    more = f" and {len(names) - MAX_NAMES} more" if len(names) > MAX_NAMES else ""
+    return f"without {', '.join(names[:MAX_NAMES])}{more}"
 
 
 def _named(node: Node) -> str:
