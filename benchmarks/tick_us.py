@@ -12,7 +12,7 @@ from benchmarks.figure import Effort, Figure, at_most
 from benchmarks.turns import medians, ratio, turns
 from islandgp.bt.core.engine import compile_tree
 from islandgp.bt.core.language import parse
-from islandgp.bt.core.node import FAILURE, RUNNING, STATUS_NAMES, Node, size
+from islandgp.bt.core.node import FAILURE, RUNNING, STATUS_NAMES, GuardArgs, Node, size
 from islandgp.bt.export.behaviortree_cpp import to_xml
 from islandgp.domains.island.vocabulary import VOCABULARY
 
@@ -143,6 +143,12 @@ def _py_trees(tree: Node) -> Prepare:
     return prepare
 
 
+def _with_library_nodes(tree: Node) -> Node:
+    """The tree with guards that interrupt nothing, as the package does not have our nodes."""
+    args = tree.args._replace(abort="self") if isinstance(tree.args, GuardArgs) else tree.args
+    return Node(tree.kind, args, tuple(map(_with_library_nodes, tree.children)))
+
+
 def _behaviortreepy(tree: Node) -> Prepare:
     import behaviortreepy  # type: ignore[import-untyped]  # it has no types
 
@@ -151,7 +157,7 @@ def _behaviortreepy(tree: Node) -> Prepare:
     factory = behaviortreepy.BehaviorTreeFactory()
     for name in VOCABULARY.actions:
         factory.register_simple_stateful_action(name, lambda _: status, lambda _: status)
-    engine = factory.create_tree_from_text(to_xml(tree, VOCABULARY, plain=True))
+    engine = factory.create_tree_from_text(to_xml(_with_library_nodes(tree), VOCABULARY))
     board = engine.root_blackboard()
 
     def prepare(situation: Situation) -> Callable[[], object]:

@@ -32,7 +32,7 @@ class PeerEpisode:
 def create_tree(tree: Node, action: Callable[[str], Behaviour]) -> Behaviour:
     """The tree in py_trees, as `islandgp export` writes it; `action(name)` makes a leaf."""
     module: dict[str, Callable[[Callable[[str], Behaviour]], Behaviour]] = {}
-    exec(to_python(tree, VOCABULARY, plain=True), module)
+    exec(to_python(tree, VOCABULARY), module)
     return module["create_tree"](action)
 
 

@@ -7,6 +7,7 @@ import click
 from islandgp.bt.analysis.lint import REFUSED, warnings
 from islandgp.bt.core.format import format_text
 from islandgp.bt.core.language import to_text
+from islandgp.bt.export.cpp_importer import DIFFERENCES
 from islandgp.bt.export.declared import UNNAMED
 from islandgp.bt.export.import_cpp import Imported, read_tree
 from islandgp.bt.export.json import from_json
@@ -52,8 +53,8 @@ def command(
     else:
         imported = read_tree(text, vocabulary, name=name, tree=identity, folder=folder)
     losses = [
-        f"{name}:{line}:{column}: not the same ({loss.about}): there, {loss.message}"
-        for line, column, loss in imported.differences
+        f"{name}:{line}:{column}: not the same ({about}): there, {DIFFERENCES[about]}"
+        for line, column, about in imported.differences
     ]
     if strict and losses:
         raise TreeError(

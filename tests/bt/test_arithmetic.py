@@ -157,7 +157,7 @@ def test_libraries_agree(expr: ConditionExpr, values: list[float]) -> None:
     places = VOCABULARY.key_index
     names = [*places]
     module: dict[str, Any] = {}
-    exec(py_trees.to_python(tree, step_s=1.0), module)
+    exec(py_trees.to_python(tree), module)
     library.blackboard.Blackboard.clear()
     root = module["create_tree"](lambda name: library.behaviours.Success(name))
     writer = library.blackboard.Client(name="robot")

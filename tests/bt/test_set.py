@@ -242,5 +242,5 @@ def test_scripts_of_a_file_are_read_and_run(tmp_path: Path) -> None:
     with load_tree(file, vocabulary).bind(leaves, {}) as robot:
         assert [robot.tick(), robot.tick()] == [RUNNING, SUCCESS]
     assert goals == ["dock", "dock"]
-    again = to_xml(tree.tree, vocabulary, plain=True)
+    again = to_xml(tree.tree, vocabulary)
     assert read_tree(again, vocabulary).tree == tree.tree

@@ -202,11 +202,11 @@ def test_tune_knows_what_numbers_are_compared_with() -> None:
 
 def test_subtrees_of_an_export_are_those_of_the_arguments() -> None:
     """A SubTree for each set of arguments, with a name of theirs; reading it gives them back."""
-    xml = behaviortree_cpp.to_xml(parse(FILE, BOT, marked=True), BOT, step_s=0.1)
+    xml = behaviortree_cpp.to_xml(parse(FILE, BOT, marked=True), BOT)
     assert '<BehaviorTree ID="guarded_battery_reserve_Charge">' in xml
     assert '<BehaviorTree ID="fetch_dock_0_3">' in xml
     imported = parse(read_tree(xml, BOT).text, BOT, marked=True)
-    assert behaviortree_cpp.to_xml(imported, BOT, step_s=0.1) == xml
+    assert behaviortree_cpp.to_xml(imported, BOT) == xml
 
 
 @st.composite

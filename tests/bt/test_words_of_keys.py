@@ -109,10 +109,9 @@ def test_texts_and_files_keep_them() -> None:
     assert to_text(read(to_text(tree))) == to_text(tree) == format_text(TREE)
     assert to_text(parse(TREE)) == to_text(tree)
     assert from_json(to_json(tree), BOT) == tree
-    for plain in (False, True):
-        xml = to_xml(tree, BOT, plain=plain)
-        assert "mode == 'docking'" in xml
-        assert to_text(read_tree(xml, BOT, name="t.xml").tree) == to_text(tree) or plain
+    xml = to_xml(tree, BOT)
+    assert "mode == 'docking'" in xml
+    assert to_text(read_tree(xml, BOT, name="t.xml").tree) == to_text(tree)
     assert to_text(pickle.loads(pickle.dumps(tree))) == to_text(tree)
 
 

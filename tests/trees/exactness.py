@@ -52,7 +52,6 @@ from islandgp.bt.core.node import (
     leaf,
     walk,
 )
-from islandgp.bt.export.behaviortree_cpp import losses
 from islandgp.domain import Scene
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import DomainError
@@ -88,7 +87,7 @@ class Case(NamedTuple):
     boards: Sequence[Sequence[float]]  # a value per key, for each tick
     results: Sequence[int]  # of the leaves, one after the other, again from the first
     recorded: Trace | None = None  # of a recorded episode: as `ours`, without who is fresh
-    plain: bool = False  # True: with nodes of the library and of Nav2 alone, and leaves as Nav2's
+    restarting: bool = False  # True: the leaves start again after their end, as those of Nav2
 
 
 def named(tree: Node) -> Node:
@@ -242,19 +241,14 @@ def writing(number: int) -> Iterator[Case]:
         yield case._replace(tree=visit(case.tree))
 
 
-PLAIN: Final = ("selector", "sequence", "reactive_selector", "reactive_sequence", "inverter",
-                "force_success", "force_failure", "when")  # fmt: skip
-"""Kinds whose plain form in BehaviorTree.CPP has no loss, unless a guard interrupts."""
-
-
 def nav2_cases(kind: str, number: int) -> Iterator[Case]:
-    """Random trees with nodes of a kind of Nav2, without a loss in their plain files.
+    """Random trees with nodes of a kind of Nav2.
 
     An `every` is a child of a pipeline at the root, and a case ends with that pipeline: Nav2's
     RateController starts its child at once after a node above was reset.
     """
     rng = Random(kind)
-    kinds = [*PLAIN, *(["pipeline", "recovery"] if kind == "every" else [kind] * 5)]
+    kinds = [*SHARED, *(["pipeline", "recovery"] if kind == "every" else [kind] * 5)]
     while number:
         tree = random_tree(rng, rng.randint(2, 5), kinds)
         if kind == "every":
@@ -263,13 +257,13 @@ def nav2_cases(kind: str, number: int) -> Iterator[Case]:
             tree = Node("pipeline", (), (*rates, tree))
         tree, boards, results = named(tree), random_boards(rng), random_results(rng)
         has_kind = any(node.kind == kind for node in walk(tree))
-        if not has_kind or not {loss.about for loss in losses(tree)} <= {"nav2", "clock"}:
+        if not has_kind:
             continue
         if kind == "every":
             trace = ours(tree, boards, results, PLACES)
             last = next((i for i, t in enumerate(trace) if not t.endswith("RUNNING")), len(trace))
             boards = boards[: last + 1]
-        yield Case(tree, boards, results, plain=True)
+        yield Case(tree, boards, results, restarting=True)
         number -= 1
 
 
@@ -375,11 +369,11 @@ def differing(expected: Trace, run: Callable[[], Trace]) -> int | None:
 def tried(cases: Iterable[Case], cpp: BehaviorTreeCpp) -> Row:
     """Runs the cases in all engines."""
     row = Row()
-    for tree, boards, results, trace, plain in cases:
+    for tree, boards, results, trace, restarting in cases:
         expected = ours(tree, boards, results, PLACES)
         if trace is not None:  # the case is the episode
             assert [tick.replace("!", "") for tick in expected] == trace
-        library = partial(cpp.trace, tree, boards, results, plain=plain, restarting=plain)
+        library = partial(cpp.trace, tree, boards, results, restarting=restarting)
         engines: tuple[Callable[[], Trace], ...] = (
             partial(in_py_trees, tree, boards, results, PLACES),
             partial(library, tick_function="exactly"),

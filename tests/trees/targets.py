@@ -89,12 +89,7 @@ def ours(tree: Node, boards: Boards, results: Sequence[int], places: dict[str, i
 
 
 def in_py_trees(
-    tree: Node,
-    boards: Boards,
-    results: Sequence[int],
-    places: dict[str, int],
-    *,
-    plain: bool = False,
+    tree: Node, boards: Boards, results: Sequence[int], places: dict[str, int]
 ) -> Trace:
     """What the real library does with the exported module."""
     library: Any = pytest.importorskip("py_trees", reason="extra `pytrees` is not installed")
@@ -117,9 +112,9 @@ def in_py_trees(
                 script.halt(self.name)
 
     module: dict[str, Any] = {}
-    exec(py_trees.to_python(tree, plain=plain, step_s=1.0), module)
+    exec(py_trees.to_python(tree), module)
     library.blackboard.Blackboard.clear()
-    root = module["create_tree"](Leaf)
+    root = module["create_tree"](Leaf, step_s=1.0)
     writer = library.blackboard.Client(name="robot")
     for name in places:
         writer.register_key(name, access=library.common.Access.WRITE)
@@ -147,7 +142,6 @@ class BehaviorTreeCpp:
         boards: Boards,
         results: Sequence[int],
         *,
-        plain: bool = False,
         tick_function: str = "exactly",
         restarting: bool = False,
     ) -> Trace:
@@ -155,7 +149,7 @@ class BehaviorTreeCpp:
 
         `restarting`: leaves start again after their end, as those of Nav2 do.
         """
-        xml = behaviortree_cpp.to_xml(tree, plain=plain, step_s=1.0)
+        xml = behaviortree_cpp.to_xml(tree)
         return self.trace_of(
             xml, leaves(tree), boards, results, tick_function=tick_function, restarting=restarting
         )

@@ -142,7 +142,7 @@ def test_conditions_of_actions() -> None:
 TWO_ACTIONS = "<TreeNodesModel><Action ID='Charge'/><Action ID='Patrol'/></TreeNodesModel>"
 
 
-@pytest.mark.parametrize("file", ["t.xml", "plain.xml", "t.json"])
+@pytest.mark.parametrize("file", ["t.xml", "t.json"])
 @pytest.mark.parametrize(
     "condition",
     ["battery < reserve", "battery <= 5 and a != b", "hot or not lap > 3", "mode == docking"],
@@ -154,8 +154,7 @@ def test_exports_are_read_back_with_a_model(
     tree, model, exported = tmp_path / "t.bt", tmp_path / "m.xml", tmp_path / file
     tree.write_text(f"reactive_selector {{ when {condition} abort self {{ Charge }} Patrol }}")
     model.write_text(TWO_ACTIONS)
-    plain = ["--plain"] * (file == "plain.xml")
-    assert islandgp("export", tree, "--vocabulary", model, "-o", exported, *plain).code == 0
+    assert islandgp("export", tree, "--vocabulary", model, "-o", exported).code == 0
     result = islandgp("import", exported, "--vocabulary", model)
     assert (result.code, parse(result.out)) == (0, parse(tree.read_text())), result.err
 
@@ -171,7 +170,7 @@ def test_a_word_that_becomes_a_key_is_reported(islandgp: Cli, tmp_path: Path) ->
     """An export says which word it takes as a key, unless the tree has it on the left as well."""
     model = tmp_path / "m.xml"
     model.write_text(TWO_ACTIONS)
-    arguments = ["export", "-", "--to", "btcpp", "--plain", "--vocabulary", model]
+    arguments = ["export", "-", "--to", "btcpp", "--vocabulary", model]
     tree = "selector { when mode == docking { Charge } %s Patrol }"
     assert "docking is taken as a key" in islandgp(*arguments, stdin=tree % "").err
     compared = tree % "when docking < 3 { Charge }"

@@ -15,7 +15,7 @@ from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, ActionArgs, Node, w
 from islandgp.bt.core.parameters import text
 from islandgp.bt.core.vocabulary import Action, Vocabulary, condition_leaf, flag, number
 from islandgp.bt.export import py_trees
-from islandgp.bt.export.behaviortree_cpp import losses, to_xml
+from islandgp.bt.export.behaviortree_cpp import needs, to_xml
 from islandgp.bt.export.declared import declared
 from islandgp.bt.export.import_cpp import Imported, read_tree
 from islandgp.bt.export.json import from_json, to_json
@@ -47,7 +47,7 @@ def inside(xml: str) -> Imported:
 
 
 def table_of(imported: Imported) -> str:
-    return ", ".join(sorted(d.loss.about for d in imported.differences))
+    return ", ".join(sorted(d.about for d in imported.differences))
 
 
 @pytest.mark.parametrize("name", SHAPES)
@@ -67,13 +67,11 @@ def test_published_trees(name: str) -> None:
 
 @pytest.mark.parametrize("name", [n for n, s in SHAPES.items() if "Controller " not in s])
 def test_published_trees_come_back(name: str) -> None:
-    """A plain file of such a tree, but for its decorators that are leaves here, comes back."""
+    """Such a tree, but for its decorators that are leaves here, comes back from XML."""
     imported = read(SHAPES[name])
     xml = file_of(SHAPES[name])
     vocabulary = declared(xml, xml, name="model.xml")
-    assert (
-        read_tree(to_xml(imported.tree, vocabulary, plain=True), vocabulary).tree == imported.tree
-    )
+    assert read_tree(to_xml(imported.tree, vocabulary), vocabulary).tree == imported.tree
 
 
 def ticks(tree: Node, count: int, **scripts: str) -> list[tuple[list[str], int]]:
@@ -226,12 +224,10 @@ def test_ports_of_remapped_subtrees() -> None:
 
 
 @pytest.mark.parametrize("head", ["every 2", "pipeline", "round_robin", "recovery 2"])
-def test_nodes_of_nav2_go_out_plain_only(head: str) -> None:
-    """Only a plain XML file has them, and marks them as Nav2's."""
+def test_nodes_of_nav2(head: str) -> None:
+    """XML has them as Nav2's; py_trees has none of them."""
     tree = parse(f"{head} {{ Go {'Stay' if head == 'recovery 2' else ''} }}", ROBOT)
-    with pytest.raises(DomainError, match="export it as plain XML"):
-        to_xml(tree, ROBOT, step_s=0.1)
-    with pytest.raises(DomainError, match="export it as plain XML"):
-        py_trees.to_python(tree, ROBOT, plain=True)
-    assert "nav2" in {loss.about for loss in losses(tree)}
-    assert read_tree(to_xml(tree, ROBOT, plain=True), ROBOT).tree == tree
+    with pytest.raises(DomainError, match=r"export it as XML \(--to btcpp\)"):
+        py_trees.to_python(tree, ROBOT)
+    assert "Nav2's" in needs(tree)[0]
+    assert read_tree(to_xml(tree, ROBOT), ROBOT).tree == tree

@@ -127,15 +127,6 @@ def test_other_encodings_of_lines(islandgp: Cli, folder: Path, command: str, kin
         (["simplify", "ok.bt", "-o", "./ok.bt"], "found ./ok.bt itself"),
         (["replay", "ok.bt", "-o", "./ok.bt"], "found ./ok.bt itself"),
         (["export", "ok.bt", "--header"], "expected --header alone"),
-        (["export", "--header", "--plain"], "expected --header alone"),
-        (["export", "--header", "--step", "3"], "expected --header alone"),
-        *(
-            (
-                ["export", "ok.bt", "--to", "btcpp", "--step", step],
-                "expected a number from 0.000001 to 86,400",
-            )
-            for step in ("nan", "inf", "0", "-1", "1e-320")
-        ),
         (["simplify", "ok.bt", "-o", "no/x.bt"], "found: no folder no"),
         (["simplify", "ok.bt", "ok.bt"], "expected no more words, found ok.bt"),
     ],

@@ -81,7 +81,7 @@ def test_stated(body: str) -> None:
     tree, differences, _ = read(body)
     text, about = STATED[body]
     assert tree == parse(text, VOCABULARY)
-    assert [each.loss.about for each in differences] == [about]
+    assert [each.about for each in differences] == [about]
 
 
 @pytest.mark.parametrize("body", EXACT)

@@ -52,8 +52,7 @@ SECONDS: Final = (0.001, 100_000)
 
 def _in_ticks(tag: str) -> Target:
     """Our node for a time, which counts ticks."""
-    python = f"{tag}({{name!r}}, ticks={{ticks}}, child="
-    return Target(tag, ("ticks", "seconds"), python, "Decorator")
+    return Target(tag, ("seconds",), f"{tag}({{seconds}}, step_s, child=", "Decorator")
 
 
 KINDS: Final[dict[str, NodeKind]] = {
@@ -196,11 +195,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         look=Look("\N{HOURGLASS}", "magenta", "#efe3f5", "#7f4fa3"),
         delayed=True,
         paper=False,
-        stock=Target(
-            "Delay",
-            ("delay_msec",),
-            "Sequence({name!r}, memory=True, children=[Timer('timer', {seconds}),",
-        ),
+        stock=Target("Delay", ("delay_msec",)),
         ours=_in_ticks("WaitTicks"),
     ),
     "timeout": NodeKind(
@@ -212,7 +207,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         look=Look("\N{STOPWATCH}", "red", "#fbe0e0", "#b02f2f"),
         may_fail=True,
         paper=False,
-        stock=Target("Timeout", ("msec",), "Timeout({name!r}, duration={seconds}, child="),
+        stock=Target("Timeout", ("msec",)),
         ours=_in_ticks("TimeoutTicks"),
     ),
     "cooldown": NodeKind(
@@ -224,7 +219,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         look=Look("\N{SNOWFLAKE}", "cyan", "#e0eefb", "#2f6fb0"),
         may_fail=True,
         paper=False,
-        ours=Target("", (), "CooldownTicks({name!r}, ticks={ticks}, child=", "Decorator"),
+        ours=Target("", (), "CooldownTicks({seconds}, step_s, child=", "Decorator"),
     ),
     "pipeline": NodeKind(
         meaning="runs its children as a sequence that repeats the earlier ones in each tick, as"
@@ -301,7 +296,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         tick=closures.when,
         look=Look("\N{WHITE DIAMOND}", "yellow", "#fdf0cf", "#b57a00", "pointed"),
         ours=Target(
-            "When", ("condition", "abort"), "When({condition}, abort={abort!r}, child=", "Decorator"
+            "When", ("condition", "abort"), "When({condition}, {abort!r}, child=", "Decorator"
         ),
     ),
     "always": NodeKind(
@@ -374,7 +369,7 @@ TARGETS: Final = {
 }
 """The nodes of BehaviorTree.CPP and of our header, by tag: our kind and the node."""
 
-NAV2: Final = frozenset(n for n, k in KINDS.items() if k.stock and not k.stock.python)
+NAV2: Final = frozenset(n for n, k in KINDS.items() if k.opaque)
 """The kinds with an equivalent in Nav2 only."""
 
 

@@ -2,9 +2,8 @@
 
 The file holds the tree `Robot`, one for each named subtree, and the model of the
 actions for Groot. The blackboard keys keep their names; all of them (numbers, flags, words) must be
-on the blackboard before the first tick. If the library's nodes behave differently, the file uses
-nodes of `nodes/islandgp_nodes.hpp`; a plain file does not, and `losses` lists its differences in
-behaviour.
+on the blackboard before the first tick. Where the library's nodes behave differently, the file uses
+nodes of `nodes/islandgp_nodes.hpp`.
 
 One tick here is one call of `Tree::tickExactlyOnce()`.
 """
@@ -42,13 +41,9 @@ from islandgp.bt.core.printer import Named, condition_text, number_text
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Action, Key, Vocabulary
 from islandgp.bt.export.plan import (
     CHECK,
-    CLOCK,
-    PLUGINS,
     SUBTREE,
-    SemanticDifference,
     TargetNode,
     check_kinds,
-    guard_losses,
     own_nodes,
     parts,
     plan,
@@ -59,7 +54,6 @@ from islandgp.bt.export.scripts import NOT_A_NUMBER
 from islandgp.errors import DomainError
 
 TREE_ID: Final = "Robot"
-REST: Final = "rest"  # the name of a node that holds the later branches of the one above it
 HEADER: Final = "islandgp_nodes.hpp"
 
 
@@ -81,80 +75,32 @@ BUILT_IN: Final = frozenset((
 ))  # fmt: skip
 """Names of nodes of the library, of our header and of Nav2, which actions cannot have."""
 
-REPEAT = SemanticDifference(
-    "repeat",
-    "Repeat and RetryUntilSuccessful start the next repetition in the tick in which one ends; only"
-    " if the repetition took one tick, tickExactlyOnce starts the next one in its next call."
-    " islandgp always starts the next repetition in the next tick",
-)
-JUDGED = SemanticDifference(
-    "judged",
-    "Parallel ends at the child that decides, and does not tick later children in that tick;"
-    " if children fail and succeed in one tick, the first of them decides",
-)
-POLICY = SemanticDifference(
-    "policy",
-    "Parallel fails as soon as it can no longer succeed: with success all, at the first failure",
-)
-EQUAL = SemanticDifference(
-    "equal", "== and != treat two numbers that differ by at most 0.00000012 as equal"
-)
-
-
-def losses(tree: Node) -> list[SemanticDifference]:
-    """The differences in behaviour of a plain file, each kind once."""
-    differences = guard_losses(tree)
-    for node in walk(tree):
-        if isinstance(node.args, CountArgs) and node.kind not in NAV2 and differs(node):
-            differences.add(REPEAT)
-        if isinstance(node.args, ParallelArgs) and len(node.children) > 1:
-            success, failure = node.args.needed(len(node.children))
-            late = failure > len(node.children) - success + 1
-            differences.add(POLICY if late else JUDGED)
-        if isinstance(node.args, SecondsArgs):
-            differences.add(CLOCK)
-        if node.kind in NAV2:
-            differences.add(PLUGINS)
-        if node.guard and differs(node):
-            differences.add(EQUAL)
-    return sorted(differences)
-
 
 def differs(node: Node) -> bool:
     """True if the library's node for a parallel, a repetition, a time or a `when` differs."""
-    if isinstance(node.args, SecondsArgs):
-        return True
+    if node.kind in NAV2:
+        return False
     if isinstance(node.args, CountArgs):
         return node.args.times != 1
     if isinstance(node.args, ParallelArgs):
         # With one child all policies mean the same; the default is read back from the library's.
         return len(node.children) > 1 or node.args != ("all", "one")
     guard = node.guard
-    return guard is not None and any(t.operator in ("==", "!=") for t in terms(guard.condition))
+    equal = ("==", "!=")  # the library takes close numbers as equal
+    compares = guard is not None and any(t.operator in equal for t in terms(guard.condition))
+    return isinstance(node.args, SecondsArgs) or compares
 
 
-def to_xml(
-    tree: Node,
-    vocabulary: Vocabulary = EMPTY_VOCABULARY,
-    *,
-    plain: bool = False,
-    step_s: float | None = None,
-) -> str:
+def to_xml(tree: Node, vocabulary: Vocabulary = EMPTY_VOCABULARY) -> str:
     """The text of an XML file; the vocabulary gives the actions' meanings.
 
-    Args:
-        tree: the tree; each named subtree becomes a separate tree in the file.
-        vocabulary: its actions and keys.
-        plain: True: use only nodes of the library; `losses` lists the differences.
-        step_s: seconds between two ticks, for a wait or a timeout that is not plain.
+    Each named subtree becomes a separate tree in the file.
 
     Raises:
         DomainError: an action has the name of a node of the library, an argument has a name that
-            a port cannot have, the tree has a kind without an equivalent node, or `step_s` is
-            missing.
+            a port cannot have, or the tree has a kind without an equivalent node.
     """
-    rejected_kinds = {"cooldown"} if plain else {"cooldown", *NAV2}
-    check_kinds(tree, plain=plain, step_s=step_s, rejected_kinds=rejected_kinds)
+    check_kinds(tree, {"cooldown"}, "Python (--to pytrees)")
     actions = sorted({node.action for node in walk(tree) if node.action})
     if taken := BUILT_IN.intersection(actions):
         raise DomainError(
@@ -162,7 +108,7 @@ def to_xml(
             " rename the action in the domain."
         )
     _check_ports(actions, vocabulary)
-    planned = _with_ports(plan(tree, None if plain else differs), vocabulary)
+    planned = _with_ports(plan(tree, differs), vocabulary)
     ours = sorted({part.target for part in parts(planned) if part.target.category})
     identity = TREE_ID if TREE_ID not in actions else f"{TREE_ID}Tree"
     # A SubTree does not see entries of the blackboard above whose names begin with _.
@@ -171,14 +117,9 @@ def to_xml(
     root, subtrees = separated(planned, reserved, keep=shared)
     lines = [f'<root BTCPP_format="4" main_tree_to_execute="{identity}">']
     if ours:
-        lines.append(f"  <!-- Needs {HEADER}: islandgp::register_nodes(factory). -->")
+        lines.append(f"  <!-- Needs {HEADER}: islandgp::register_nodes(factory, seconds). -->")
     for name, part in {identity: root, **subtrees}.items():
-        lines += [
-            f'  <BehaviorTree ID="{name}">',
-            *_lines(part, "    ", step_s),
-            "  </BehaviorTree>",
-            "",
-        ]
+        lines += [f'  <BehaviorTree ID="{name}">', *_lines(part, "    "), "  </BehaviorTree>", ""]
     lines.append("  <TreeNodesModel>")
     for name in actions:
         action = vocabulary.action(name)
@@ -202,9 +143,16 @@ def _check_ports(actions: Iterable[str], vocabulary: Vocabulary) -> None:
                 )
 
 
-def needs_header(tree: Node) -> bool:
-    """True if the tree's file, unless it is plain, has nodes of our header."""
-    return any(part.target.category for part in parts(plan(tree, differs)))
+def needs(tree: Node) -> list[str]:
+    """What a program needs for the tree's file: our header, Nav2's nodes."""
+    targets = {part.target for part in parts(plan(tree, differs))}
+    needed = []
+    if any(target.category for target in targets):
+        needed.append(f"{HEADER}, which `islandgp export --header -o {HEADER}` writes")
+    if nav2 := sorted(t.tag for t in targets if TARGETS.get(t.tag, ("",))[0] in NAV2):
+        clock = ", which measures by the computer's clock" * ("RateController" in nav2)
+        needed.append(f"Nav2's {', '.join(nav2)}{clock}")
+    return needed
 
 
 def header() -> str:
@@ -242,11 +190,8 @@ def _quoted(expr: ConditionExpr) -> ConditionExpr:
     return expr
 
 
-def _lines(part: TargetNode, indent: str, step_s: float | None) -> Iterator[str]:
-    """The lines of a part of the plan, each indented by `indent`.
-
-    `step_s`: seconds between two ticks, as in `to_xml`.
-    """
+def _lines(part: TargetNode, indent: str) -> Iterator[str]:
+    """The lines of a part of the plan, each indented by `indent`."""
     notes: dict[str, str] = {}
     condition_notes: list[str] = []  # a second note of the same name: of the guard's condition
     for text in part.comments:
@@ -273,14 +218,14 @@ def _lines(part: TargetNode, indent: str, step_s: float | None) -> Iterator[str]
         yield f"{indent}<Always{part.args.status.capitalize()}{_text_of(notes)}/>"
         return
     tag = part.target.tag
-    opening = f"{indent}<{tag}{_text_of({**_attributes(part, step_s), **notes})}"
+    opening = f"{indent}<{tag}{_text_of({**_attributes(part), **notes})}"
     if not part.children:
         yield f"{opening}/>"
         return
     yield f"{opening}>"
     for child in part.children:
         condition = child._replace(comments=(*condition_notes,)) if child.target == CHECK else child
-        yield from _lines(condition, indent + "  ", step_s)
+        yield from _lines(condition, indent + "  ")
     yield f"{indent}</{tag}>"
 
 
@@ -299,28 +244,17 @@ def _comment(text: str) -> str:
     return "".join(c for c in text if c.isprintable()).replace("--", "- -").replace("--", "- -")
 
 
-def _attributes(part: TargetNode, step_s: float | None) -> dict[str, str]:
+def _attributes(part: TargetNode) -> dict[str, str]:
     """The attributes of a node with children, other than notes."""
-    if part.rest:
-        return {"name": REST}
-    names, args = part.target.ports, part.args
+    args = part.args
     values: Iterable[object] = args
-    if isinstance(args, ParallelArgs) and part.target == KINDS["parallel"].stock:
-        succeeds, fails = args.needed(len(part.children))
-        if args.success == "all":
-            # The library's Parallel also fails once success is impossible, for any failure_count.
-            succeeds, fails = -1, min(fails, len(part.children) - succeeds + 1)
-        values = succeeds, fails
+    if part.target == KINDS["parallel"].stock:
+        values = -1, 1
     elif part.target == KINDS["round_robin"].stock:
         values = ("true",)
-    elif isinstance(args, SecondsArgs) and part.target == KINDS["every"].stock:
+    elif part.target == KINDS["every"].stock and isinstance(args, SecondsArgs):
         values = (float(f"{1 / args.seconds:.12g}"),)
-    elif isinstance(args, SecondsArgs) and names[0] != "ticks":
-        values = (max(1, round(args.seconds * 1000)),)
-    elif isinstance(args, SecondsArgs):
-        assert step_s is not None
-        values = args.ticks(step_s), args.seconds
-    return dict(zip(names, map(_value_text, values), strict=False))
+    return dict(zip(part.target.ports, map(_value_text, values), strict=False))
 
 
 def _value_text(value: object) -> str:

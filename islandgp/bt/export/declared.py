@@ -41,9 +41,8 @@ from islandgp.bt.core.vocabulary import (
     enumeration,
     is_name,
 )
-from islandgp.bt.export.branching import PRECONDITIONS
+from islandgp.bt.export.cpp_importer import GATES, PRECONDITIONS
 from islandgp.bt.export.json import from_json
-from islandgp.bt.export.nav2 import GATES
 from islandgp.bt.export.xml_reader import Element, read_xml
 from islandgp.errors import DomainError
 from islandgp.plain import read_json

@@ -7,49 +7,27 @@ Comments and named subtrees are left out, as they are not part of a tree.
 from __future__ import annotations
 
 import json
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
-from pydantic import BaseModel, ValidationError, ValidationInfo, field_validator
+from pydantic import ValidationError
 
-from islandgp.bt.core.kinds import KINDS
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node
-from islandgp.bt.core.parameters import adapter
+from islandgp.bt.core.parameters import adapter, first_fault
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import TreeError
-from islandgp.plain import read_json
+from islandgp.plain import DECODE_ERRORS, read_json
 
 
-class _JsonNode(BaseModel, extra="forbid", validate_default=True):
-    kind: Literal[tuple(KINDS)]  # type: ignore[valid-type] # computed
-    args: Any = {}
-    children: list[_JsonNode] = []
-
-    @field_validator("args")
-    @classmethod
-    def _args_of_kind(cls, value: Any, info: ValidationInfo) -> Any:
-        kind: Any = KINDS.get(info.data.get("kind", ""))
-        if kind and kind.arguments:
-            # As JSON, since only there a strict type takes a list as a tuple.
-            return adapter(kind.args).validate_json(json.dumps(value), strict=True)
-        if kind and value:
-            raise ValueError("Expected no args of this kind")
-        return ()
-
-    def node(self) -> Node:
-        return Node(self.kind, self.args, tuple(child.node() for child in self.children))
-
-
-class _JsonTree(BaseModel, extra="forbid"):
-    format: Literal["islandgp-tree"] = "islandgp-tree"
-    tree: _JsonNode
+class _File(NamedTuple):
+    format: Literal["islandgp-tree"]
+    tree: Node
 
 
 def to_json(tree: Node) -> str:
     """The text of a JSON file."""
     # Without a vocabulary, a condition has a word and not the word's number.
-    document = {"format": "islandgp-tree", "tree": _plain(parse(to_text(tree)))}
-    return json.dumps(document, indent=2) + "\n"
+    return json.dumps(_plain(_File("islandgp-tree", parse(to_text(tree)))), indent=2) + "\n"
 
 
 def _plain(value: Any) -> Any:
@@ -67,22 +45,19 @@ def from_json(text: str, vocabulary: Vocabulary | None = None, *, name: str = "<
     """
     place = f"{name}, as text"
     try:
-        tree = _JsonTree.model_validate(read_json(text.removeprefix("\ufeff"))).tree.node()
+        tree = adapter(_File).validate_python(read_json(text.removeprefix("\ufeff"))).tree
         written = to_text(tree)
         same = parse(written, name=place) == tree
-    except json.JSONDecodeError as error:
-        line, column = error.lineno, error.colno
-        message = f"{name}:{line}:{column}: not JSON: {error.msg}"
-        raise TreeError(message, line=line, column=column) from None
+    except TreeError:
+        raise
     except ValidationError as error:
-        first = max(error.errors(include_url=False), key=lambda e: len(e["loc"]))
-        at = ".".join(map(str, first["loc"][-8:])) or "the file"
-        message = first["msg"].removeprefix("Value error, ").partition(" or instance")[0]
-        raise TreeError(f"{name}: {at:.100}: {message}, found {first['input']!r:.40}") from None
-    except IndexError:
-        raise TreeError(f"{name}: expected a condition in each `not`, found none") from None
-    except ValueError as error:
-        raise TreeError(f"{name}: {error}") from None
+        at, expected, found = first_fault(error)
+        where = ".".join(at) or "the file"
+        raise TreeError(f"{name}: {where:.100}: {expected}, found {found!r:.40}") from None
+    except json.JSONDecodeError as error:
+        raise TreeError(f"{name}:{error.lineno}:{error.colno}: not JSON: {error.msg}") from None
+    except DECODE_ERRORS as error:
+        raise TreeError(f"{name}: expected nodes of the language, found others: {error}") from None
     if not same:
         raise TreeError(f"{name}: expected names, values and sums as `islandgp fmt` writes them")
     return parse(written, vocabulary, name=place)

@@ -1,39 +1,46 @@
 """Scripts of BehaviorTree.CPP such as `level < 25 && !found` or `tries := tries + 1`.
 
-A script is translated to the language, word by word, and the parser checks it.
+A script is read with Python's parser, whose `~`, arithmetic and comparisons have the precedence of
+the library's, and the parser of the language checks the words of what it says.
 """
 
 from __future__ import annotations
 
+import ast
 import re
 from collections.abc import Callable
-from typing import Final, NoReturn, TypeVar
+from typing import Any, Final, TypeVar
 
+from islandgp.bt.core.arithmetic import Operation, Term, negative, number_text, side
 from islandgp.bt.core.condition import (
-    OPERATORS,
     OPPOSITE,
     Condition,
     ConditionExpr,
     combine,
+    comparison,
     negate,
 )
 from islandgp.bt.core.language import parse, parse_condition
 from islandgp.bt.core.node import SetArgs
-from islandgp.bt.core.node_builder import MAX_NESTED
+from islandgp.bt.core.printer import condition_text
 from islandgp.bt.core.source import shown
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import TreeError
 
 T = TypeVar("T")
 
-_WORD: Final = re.compile(
-    r"\s*(&&|\|\||[<>=!]=|[-+*/()<>!]|[0-9]+(?:\.[0-9]+)?(?![\w.])|'\w*'|[A-Za-z_]\w*)"
-)
-_ASSIGNMENT: Final = re.compile(r"\s*([A-Za-z_]\w*)\s*(:=|[-+*/]?=)(?!=)(.*)", re.DOTALL)
-_PLACE: Final = re.compile(r"^.*?:\d+:\d+: ")
-_JOINT: Final = {"&&": "and", "||": "or"}
 NOT_A_NUMBER: Final = ("<", "<=", ">", ">=")
 """Operators by which 0 / 0 compares with any number in the library, and with none in trees."""
+_ASSIGNMENT: Final = re.compile(r"\s*([A-Za-z_]\w*)\s*(:=|[-+*/]?=)(?!=)(.*)", re.DOTALL)
+_PLACE: Final = re.compile(r"^.*?:\d+:\d+: ")
+_WORD: Final = re.compile(r"'\w+'|[A-Za-z_]\w*|&&|\|\||!(?!=)")
+_OR: Final = "OR"  # a name of Python only: those of a script get an underscore in front
+_PYTHON: Final = {"&&": " and ", "||": f" and {_OR} and ", "!": "~"}
+"""In the library && and || have equal precedence, so both become `and`."""
+_SIGNS: Final = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
+_OPERATORS: Final = {
+    ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!=",
+}  # fmt: skip
 
 
 def read_condition(code: str, vocabulary: Vocabulary) -> ConditionExpr:
@@ -42,8 +49,8 @@ def read_condition(code: str, vocabulary: Vocabulary) -> ConditionExpr:
     Raises:
         ValueError: the script has no equivalent condition; the message has the reason.
     """
-    text = _Script(code, vocabulary).condition()
-    return _with_numbers(_read(lambda: parse_condition(text, vocabulary), code))
+    expr = _condition(_python(code), vocabulary)
+    return _with_numbers(_read(lambda: parse_condition(condition_text(expr), vocabulary), code))
 
 
 def read_assignments(code: str, vocabulary: Vocabulary) -> list[Condition]:
@@ -59,7 +66,10 @@ def read_assignments(code: str, vocabulary: Vocabulary) -> list[Condition]:
             raise ValueError(f"expected key := value, found {shown(statement.strip())}")
         name, sign, right = match.groups()
         right = right if sign in (":=", "=") else f"{name} {sign[0]} ({right})"
-        text = f"set {name} = {_Script(right, vocabulary).value(name)}"
+        term = _term(_python(right))
+        truth = _truth(name, term, vocabulary)
+        value = number_text(term) if isinstance(term, float) else side(term)
+        text = f"set {name} = {value if truth is None else ('no', 'yes')[truth]}"
         args = _read(lambda text=text: parse(text, vocabulary), statement).args  # type: ignore[misc]
         assert isinstance(args, SetArgs)
         assigned.append(args.assigned)
@@ -89,84 +99,63 @@ def _with_numbers(expr: ConditionExpr) -> ConditionExpr:
     return expr
 
 
-class _Script:
-    """Translates a script; && and || have equal precedence, and ! a higher one."""
+def _python(code: str) -> ast.expr:
+    """The syntax tree of a script as Python, with an underscore in front of each name."""
 
-    def __init__(self, code: str, vocabulary: Vocabulary) -> None:
-        self._code, self._keys = code, vocabulary.keys
-        self._at = self._level = 0
+    def translated(match: re.Match[str]) -> str:
+        word = match[0]
+        return _PYTHON.get(word) or (word if word[0] == "'" else f"_{word}")
 
-    def condition(self) -> str:
-        """The whole script as a condition."""
-        text = self._joined()
-        if self._code[self._at :].strip():
-            self._fail()
-        return text
+    try:
+        return ast.parse(f"({_WORD.sub(translated, code)})", mode="eval").body
+    except (SyntaxError, RecursionError, MemoryError):
+        raise _not_read(code) from None
 
-    def value(self, name: str) -> str:
-        """The whole script as the value of a key."""
-        text = self._sum()
-        if self._code[self._at :].strip():
-            raise ValueError(f"expected a value for {name}, found {shown(self._code.strip())}")
-        is_flag = name in self._keys and self._keys[name].flag
-        words = {"true": "yes", "false": "no", **({"1": "yes", "0": "no"} if is_flag else {})}
-        return words.get(text, text)
 
-    def _joined(self) -> str:
-        text, before = self._compared(), ""
-        while joint := _JOINT.get(self._peek()):
-            self._take()
-            text = f"({text})" if before not in ("", joint) else text
-            text, before = f"{text} {joint} {self._compared()}", joint
-        return text
+def _not_read(code: str) -> ValueError:
+    return ValueError(f"expected a condition such as level < 25 && !found, found {shown(code)}")
 
-    def _compared(self) -> str:
-        left = self._sum()
-        if (operator := self._peek()) not in OPERATORS:
-            return left
-        self._take()
-        right = self._sum()
-        is_flag = left in self._keys and self._keys[left].flag
-        if right in ("true", "false") or (is_flag and right in ("0", "1")):
-            return f"not {left}" * ((right in ("true", "1")) != (operator == "==")) or left
-        return f"{left} {operator} {right}"
 
-    def _sum(self) -> str:
-        text = self._operand()
-        while self._peek() in ("+", "-", "*", "/"):
-            text = f"{text} {self._take()} {self._operand()}"
-        return text
+def _condition(node: ast.expr, vocabulary: Vocabulary) -> ConditionExpr:
+    match node:
+        case ast.BoolOp(_, [first, *others]):
+            expr, word = _condition(first, vocabulary), "and"
+            for each in others:
+                if isinstance(each, ast.Name) and each.id == _OR:
+                    word = "or"
+                else:
+                    expr, word = combine(word, (expr, _condition(each, vocabulary))), "and"
+            return expr
+        case ast.UnaryOp(ast.Invert(), operand):
+            return negate(_condition(operand, vocabulary))
+        case ast.Compare(left, [sign], [right]) if operator := _OPERATORS.get(type(sign), ""):
+            key, value = _term(left), _term(right)
+            if (truth := _truth(key, value, vocabulary)) is None:
+                return comparison(key, operator, value)
+            return Condition(str(key), "is" if truth == (operator == "==") else "not", 0.0)
+        case _:
+            return Condition(side(_term(node)), "is", 0.0)
 
-    def _operand(self) -> str:
-        word = self._take()
-        self._level += 1
-        if self._level > 4 * MAX_NESTED:
-            raise ValueError(f"expected a condition of at most {MAX_NESTED} levels")
-        if word == "(":
-            word = f"({self._joined()})"
-            if self._take() != ")":
-                self._fail()
-        elif word == "!":  # of a flag or brackets, as it has a higher precedence
-            word = f"not {self._operand()}"
-            if (following := self._peek()) in OPERATORS or following in ("+", "-", "*", "/"):
-                self._fail()
-        elif word == "-":
-            word = f"-{self._operand()}"
-        elif not word.strip("'")[:1].isalnum() and word.strip("'")[:1] != "_":
-            self._fail()
-        self._level -= 1
-        return word.strip("'")
 
-    def _peek(self) -> str:
-        match = _WORD.match(self._code, self._at)
-        return match[1] if match else ""
+def _term(node: ast.expr) -> Any:
+    match node:
+        case ast.Name(name):
+            return name[1:]
+        case ast.Constant(str(word)):
+            return word
+        case ast.Constant(int(number) | float(number)):
+            return float(min(number, 1e300))
+        case ast.UnaryOp(ast.USub(), operand):
+            return negative(_term(operand))
+        case ast.BinOp(left, sign, right) if type(sign) in _SIGNS:
+            return Operation(_SIGNS[type(sign)], (_term(left), _term(right)))
+    raise _not_read(re.sub(r"\b_", "", ast.unparse(node)))
 
-    def _take(self) -> str:
-        match = _WORD.match(self._code, self._at)
-        self._at = match.end() if match else self._at
-        return match[1] if match else ""
 
-    def _fail(self) -> NoReturn:
-        raise ValueError(
-            f"expected a condition such as level < 25 && !found, found {shown(self._code)}"
-        )
+def _truth(key: Term, value: Term, vocabulary: Vocabulary) -> bool | None:
+    """The value of a flag: true, false, or 1 or 0 beside a key that is one; else None."""
+    is_flag = key in vocabulary.keys and vocabulary.keys[str(key)].flag
+    flags: dict[Term, bool] = {"true": True, "false": False}
+    if is_flag:
+        flags |= {1.0: True, 0.0: False}
+    return flags.get(value)

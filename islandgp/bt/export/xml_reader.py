@@ -1,22 +1,18 @@
-"""Reads XML with the line of each element, for error messages."""
+"""Reads XML with the line of each element, and the trees of BehaviorTree.CPP files."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import NamedTuple, NoReturn
+from pathlib import Path
+from typing import Final, NamedTuple
 from xml.parsers import expat
 
+from islandgp.bt.core.includes import MAX_FILES
+from islandgp.bt.core.source import shown
 from islandgp.errors import TreeError
 
-DEEPEST = 300  # most levels of elements
-
-
-class Text(NamedTuple):
-    """A text between elements."""
-
-    text: str
-    line: int  # from 1
-    column: int
+DEEPEST: Final = 300  # most levels of elements
+MAX_XML: Final = 1_000_000  # most characters of an included file
 
 
 @dataclass(slots=True)
@@ -29,18 +25,12 @@ class Element:
     column: int
     children: list[Element] = field(default_factory=list)
     comments: tuple[str, ...] = ()  # before it, and after its last child
-    texts: list[Text] = field(default_factory=list)  # inside it, other than blanks
+    text: str = ""  # the first text inside it, other than blanks
 
     def error(self, message: str, file: str, kind: type[TreeError] = TreeError) -> TreeError:
         """The error for an element of a file, with its place."""
-        return placed_error(message, file, self.line, self.column, kind)
-
-
-def placed_error(
-    message: str, file: str, line: int, column: int, kind: type[TreeError] = TreeError
-) -> TreeError:
-    """The error for a place of a file."""
-    return kind(f"{file}:{line}:{column}: {message}", line=line, column=column)
+        place = f"{file}:{self.line}:{self.column}"
+        return kind(f"{place}: {message}", line=self.line, column=self.column)
 
 
 def read_xml(text: str, *, name: str) -> Element:
@@ -55,14 +45,14 @@ def read_xml(text: str, *, name: str) -> Element:
     roots: list[Element] = []
     comments: list[str] = []  # since the last tag
 
-    def fail(message: str, line: int, column: int) -> NoReturn:
-        raise placed_error(message, name, line, column)
+    def here(tag: str, attributes: dict[str, str]) -> Element:
+        line, column = parser.CurrentLineNumber, parser.CurrentColumnNumber + 1
+        return Element(tag, attributes, line, column, comments=(*comments,))
 
     def start(tag: str, attributes: dict[str, str]) -> None:
-        line, column = parser.CurrentLineNumber, parser.CurrentColumnNumber + 1
+        element = here(tag, attributes)
         if len(open_elements) >= DEEPEST:
-            fail(f"expected at most {DEEPEST} nested elements", line, column)
-        element = Element(tag, attributes, line, column, comments=(*comments,))
+            raise element.error(f"expected at most {DEEPEST} nested elements", name)
         comments.clear()
         (open_elements[-1].children if open_elements else roots).append(element)
         open_elements.append(element)
@@ -72,13 +62,10 @@ def read_xml(text: str, *, name: str) -> Element:
         comments.clear()
 
     def text_between(text: str) -> None:
-        if stripped := text.strip():
-            before = text[: text.index(stripped)]
-            column = parser.CurrentColumnNumber + 1 + len(before)
-            open_elements[-1].texts.append(Text(stripped, parser.CurrentLineNumber, column))
+        open_elements[-1].text = open_elements[-1].text or text.strip()
 
     def doctype(*_: object) -> None:
-        fail("expected no document type", parser.CurrentLineNumber, parser.CurrentColumnNumber + 1)
+        raise here("", {}).error("expected no document type", name)
 
     parser.StartElementHandler = start
     parser.EndElementHandler = end
@@ -88,7 +75,86 @@ def read_xml(text: str, *, name: str) -> Element:
     try:
         parser.Parse(text, True)
     except expat.ExpatError as error:
-        fail(f"not XML: {expat.ErrorString(error.code)}", error.lineno, error.offset + 1)
+        reason, line, column = expat.ErrorString(error.code), error.lineno, error.offset + 1
     except UnicodeEncodeError as error:  # a lone surrogate; expat reads bytes
-        fail("not XML: it is not UTF-8 text", text.count("\n", 0, error.start) + 1, 1)
-    return roots[0]
+        reason, line, column = "it is not UTF-8 text", text.count("\n", 0, error.start) + 1, 1
+    else:
+        return roots[0]
+    raise Element("", {}, line, column).error(f"not XML: {reason}", name)
+
+
+class XmlTree(NamedTuple):
+    """A `<BehaviorTree>`."""
+
+    element: Element
+    file: str  # its name in messages
+
+
+class XmlTrees:
+    """The trees of a file and of those that it includes, by ID."""
+
+    def __init__(self, main: Element, name: str, folder: Path | None) -> None:
+        """Reads the files.
+
+        Args:
+            main: the root of the file.
+            name: of the file, in messages.
+            folder: of the file; included files are there or below. None: includes are errors.
+
+        Raises:
+            TreeError: a file has another format, cannot be read, or defines an ID again.
+        """
+        self.by_id: dict[str, XmlTree] = {}
+        self._included: set[Path] = set()
+        self._top = None if folder is None else folder.resolve()
+        top = () if self._top is None else ((self._top / Path(name).name).resolve(),)
+        self._add(main, name, top)
+        if not self.by_id:
+            raise main.error("expected <root> with a <BehaviorTree>, found none", name)
+
+    def _add(self, root: Element, file: str, above: tuple[Path, ...]) -> None:
+        """Adds the trees of a file; `above`: its path, after those of the files that include it."""
+        version = root.attributes.get("BTCPP_format", "3")
+        if root.tag != "root" or version not in ("3", "4"):
+            raise root.error(
+                'expected <root BTCPP_format="4">, found'
+                f" <{shown(root.tag)}> of version {shown(version)}",
+                file,
+            )
+        for element in root.children:
+            if element.tag == "include":
+                self._include(element, file, above)
+            elif element.tag == "BehaviorTree":
+                identity = element.attributes.get("ID", "")
+                if identity in self.by_id:
+                    message = f"the tree {shown(identity)} is defined twice; rename one"
+                    raise element.error(message, file)
+                self.by_id[identity] = XmlTree(element, file)
+            elif element.tag != "TreeNodesModel":
+                tag = shown(element.tag)
+                raise element.error(f"expected a <BehaviorTree>, found <{tag}>", file)
+
+    def _include(self, element: Element, file: str, above: tuple[Path, ...]) -> None:
+        """Adds the trees of the file that an <include> names."""
+        attribute = element.attributes.get("path", "")
+        if self._top is None or not attribute:
+            raise element.error("expected the path of a file beside this one", file)
+        try:
+            path = (above[-1].parent / attribute).resolve()
+            if Path(attribute).is_absolute() or not path.is_relative_to(self._top):
+                message = f"{shown(attribute)} leads out of the folder of the tree"
+                raise element.error(message, file)
+            if path in above:
+                raise element.error(f"{shown(path.name)} includes itself", file)
+            if path in self._included:
+                return
+            self._included.add(path)
+            if len(self._included) > MAX_FILES or not path.is_file():  # a pipe could block
+                message = f"expected at most {MAX_FILES} files, found no file {shown(attribute)}"
+                raise element.error(message, file)
+            with path.open(encoding="utf-8") as stream:
+                text = stream.read(MAX_XML)
+        except (OSError, RuntimeError, ValueError):
+            raise element.error(f"{shown(attribute)} cannot be read as UTF-8 text", file) from None
+        name = str(path.relative_to(self._top))
+        self._add(read_xml(text, name=name), name, (*above, path))

@@ -101,7 +101,7 @@ void run_case()
   try
   {
     BT::BehaviorTreeFactory factory;
-    islandgp::register_nodes(factory);
+    islandgp::register_nodes(factory, 1.0);
     nav2_model::register_nodes(factory);
     for(const auto& name : names)
     {

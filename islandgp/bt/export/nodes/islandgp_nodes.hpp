@@ -2,7 +2,7 @@
 //
 //     #include "islandgp_nodes.hpp"
 //     BT::BehaviorTreeFactory factory;
-//     islandgp::register_nodes(factory);  // before the XML is loaded
+//     islandgp::register_nodes(factory, 0.1);  // before the XML is loaded; seconds between two ticks
 //
 // The library's own Reactive nodes start an interrupting branch before they halt
 // the interrupted one, interrupt whenever a condition *is* true, and resume the
@@ -20,6 +20,7 @@
 
 #include <algorithm>
 #include <cctype>
+#include <cmath>
 #include <cstddef>
 #include <functional>
 #include <locale>
@@ -658,26 +659,28 @@ public:
   }
 };
 
-/// Counts the ticks since its start; `left_` is the rest of the attribute `ticks`.
+/// Counts the ticks since its start, as many as the attribute `seconds` takes.
 class CountsTicks : public BT::DecoratorNode
 {
 public:
   static BT::PortsList providedPorts()
   {
-    return { BT::InputPort<int>("ticks", "how many ticks it lasts"),
-             BT::InputPort<double>("seconds", 0.0, "the time that these ticks take") };
+    return { BT::InputPort<double>("seconds", "how long it lasts") };
   }
 
 protected:
-  CountsTicks(const std::string& name, const BT::NodeConfig& config)
+  /// `step_s`: the seconds between two ticks.
+  CountsTicks(const std::string& name, const BT::NodeConfig& config, double step_s)
     : BT::DecoratorNode(name, config)
   {
-    const auto found = getInput<int>("ticks");
-    if(!found || found.value() < 1)
+    const auto found = getInput<double>("seconds");
+    if(!found || !(found.value() > 0) || !(step_s > 0))
     {
-      throw BT::RuntimeError(name, ": expected ticks of at least 1");
+      throw BT::RuntimeError(name, ": expected seconds above 0, and register_nodes(factory, seconds) with those"
+                                   " between two ticks");
     }
-    ticks_ = found.value();
+    // 0.6 s are three ticks of 0.2 s, although 0.6 / 0.2 is not 3 in floating point.
+    ticks_ = std::max(1.0, std::ceil(found.value() / step_s * (1 - 1e-12)));
   }
 
   void count()
@@ -696,17 +699,18 @@ protected:
     return result;
   }
 
-  int left_ = 0;
+  double left_ = 0;  // ticks
 
 private:
-  int ticks_ = 1;
+  double ticks_ = 1;
 };
 
-/// Starts its child `ticks` ticks after its own start.
+/// Starts its child some ticks after its own start.
 class WaitTicks : public CountsTicks
 {
 public:
-  WaitTicks(const std::string& name, const BT::NodeConfig& config) : CountsTicks(name, config)
+  WaitTicks(const std::string& name, const BT::NodeConfig& config, double step_s)
+    : CountsTicks(name, config, step_s)
   {}
 
 private:
@@ -717,11 +721,12 @@ private:
   }
 };
 
-/// Stops its child and fails if the child still runs `ticks` ticks after its start.
+/// Stops its child and fails if the child still runs some ticks after its start.
 class TimeoutTicks : public CountsTicks
 {
 public:
-  TimeoutTicks(const std::string& name, const BT::NodeConfig& config) : CountsTicks(name, config)
+  TimeoutTicks(const std::string& name, const BT::NodeConfig& config, double step_s)
+    : CountsTicks(name, config, step_s)
   {}
 
 private:
@@ -738,7 +743,9 @@ private:
 };
 
 /// Makes the nodes known to a factory, under the names of the classes.
-inline void register_nodes(BT::BehaviorTreeFactory& factory)
+///
+/// `step_s`: the seconds between two ticks, which WaitTicks and TimeoutTicks need.
+inline void register_nodes(BT::BehaviorTreeFactory& factory, double step_s = 0)
 {
   factory.registerNodeType<When>("When");
   factory.registerNodeType<InterruptibleFallback>("InterruptibleFallback");
@@ -746,8 +753,8 @@ inline void register_nodes(BT::BehaviorTreeFactory& factory)
   factory.registerNodeType<JudgedParallel>("JudgedParallel");
   factory.registerNodeType<RepeatPerTick>("RepeatPerTick");
   factory.registerNodeType<RetryPerTick>("RetryPerTick");
-  factory.registerNodeType<WaitTicks>("WaitTicks");
-  factory.registerNodeType<TimeoutTicks>("TimeoutTicks");
+  factory.registerNodeType<WaitTicks>("WaitTicks", step_s);
+  factory.registerNodeType<TimeoutTicks>("TimeoutTicks", step_s);
 }
 
 }  // namespace islandgp

@@ -8,32 +8,61 @@ and interrupt when a condition *becomes* true. islandgp's docs/semantics.md desc
 what each does in a tick.
 """
 
+from fractions import Fraction
+from math import ceil
+
+from py_trees.behaviour import Behaviour
 from py_trees.common import Access, Status
 from py_trees.composites import Composite
 from py_trees.decorators import Decorator
 
 
-class When(Decorator):
+class SetKey(Behaviour):
+    """Writes a key and succeeds; `value(blackboard)` reads `keys`."""
+
+    def __init__(self, name, key, keys, value):
+        """The class describes the arguments."""
+        super().__init__(name)
+        self.key, self.value = key, value
+        self.client = self.attach_blackboard_client()
+        self.client.register_key(key, access=Access.WRITE)
+        for each in keys:
+            self.client.register_key(each, access=Access.READ)
+
+    def update(self):
+        """Writes the key."""
+        self.client.set(self.key, self.value(self.client))
+        return Status.SUCCESS
+
+
+class Through(Decorator):
+    """Has the status of its child."""
+
+    def update(self):
+        """The status of the child."""
+        return self.decorated.status
+
+
+class When(Through):
     """Runs its child while `condition(blackboard)` holds.
 
-    The blackboard is a client that may read `blackboard_keys`.
+    The blackboard is a client that may read `keys`.
     `abort` is what a change of the condition stops. none: nothing, it is only checked at the
     start; self: the child; lower: later branches of the nearest InterruptibleSelector or
     InterruptibleSequence above; both: the child and later branches.
     """
 
-    def __init__(self, name, blackboard_keys, condition, abort, child):
+    def __init__(self, name, keys, condition, abort, child):
         """The class describes the arguments."""
         super().__init__(name, child)
         client = self.attach_blackboard_client()
-        for key in blackboard_keys:
+        for key in keys:
             client.register_key(key, access=Access.READ)
         self.condition = condition
         self.stops_itself = abort in ("self", "both")
         self.interrupts = abort in ("lower", "both")
-        self.seen = (
-            None  # the last value of the condition; None: not evaluated since the composite started
-        )
+        # The last value of the condition; None: not evaluated since the composite started.
+        self.seen = None
 
     def holds(self):
         """True if the condition holds now."""
@@ -50,10 +79,6 @@ class When(Decorator):
             yield self
             return
         yield from super().tick()
-
-    def update(self):
-        """The status of the child."""
-        return self.decorated.status
 
 
 class Interruptible(Composite):
@@ -165,66 +190,60 @@ class JudgedParallel(Composite):
         yield self
 
 
-class WaitTicks(Decorator):
-    """Starts its child `ticks` ticks after its own start."""
+class Timed(Through):
+    """A decorator that lasts a number of seconds, as ticks that are `step_s` seconds apart."""
 
-    def __init__(self, name, ticks, child):
-        """`ticks` is at least 1."""
-        super().__init__(name, child)
-        self.ticks, self.left = ticks, 0
+    def __init__(self, seconds, step_s, child):
+        """`step_s` is above 0."""
+        super().__init__(f"{type(self).__name__} {seconds}", child)
+        if step_s is None:
+            raise ValueError("expected create_tree(action, step_s) with the seconds of a tick")
+        self.ticks = max(1, ceil(Fraction(str(seconds)) / Fraction(str(step_s))))
+        self.left = self.free = 0
+
+    def count(self):
+        """Counts the ticks since the start; returns those that are left."""
+        self.left = self.left - 1 if self.status == Status.RUNNING else self.ticks
+        return self.left
+
+
+class WaitTicks(Timed):
+    """Starts its child some ticks after its own start."""
 
     def tick(self):
         """Waits, then ticks the child."""
-        self.left = self.left - 1 if self.status == Status.RUNNING else self.ticks
-        if self.left > 0:
+        if self.count() > 0:
             self.status = Status.RUNNING
             yield self
             return
         yield from super().tick()
 
-    def update(self):
-        """The status of the child."""
-        return self.decorated.status
 
-
-class TimeoutTicks(WaitTicks):
-    """Stops its child and fails if the child still runs `ticks` ticks after its start."""
+class TimeoutTicks(Timed):
+    """Stops its child and fails if the child still runs some ticks after its start."""
 
     def tick(self):
         """Counts, then ticks the child."""
-        self.left = self.left - 1 if self.status == Status.RUNNING else self.ticks
-        if self.left == 0:
+        if self.count() == 0:
             self.stop(Status.FAILURE)  # stops a running child
             yield self
             return
-        yield from Decorator.tick(self)
+        yield from super().tick()
 
 
-class TickCounter(Decorator):
+class TickCounter(Through):
     """The root of a tree with CooldownTicks: counts its ticks."""
 
-    def __init__(self, name, child):
-        """The child is the tree."""
-        super().__init__(name, child)
-        self.now = 0
+    now = 0
 
     def tick(self):
         """Counts, then ticks the tree."""
         self.now += 1
         yield from super().tick()
 
-    def update(self):
-        """The status of the child."""
-        return self.decorated.status
 
-
-class CooldownTicks(Decorator):
-    """Fails for `ticks` ticks after its child has ended, without ticking it."""
-
-    def __init__(self, name, ticks, child):
-        """`ticks` is at least 1."""
-        super().__init__(name, child)
-        self.ticks, self.free = ticks, 0
+class CooldownTicks(Timed):
+    """Fails for some ticks after its child has ended, without ticking it."""
 
     def now(self):
         """The number of the tick."""
