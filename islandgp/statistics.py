@@ -1,16 +1,15 @@
 """The tests of section 3.1: Mann-Whitney U, Eq. (9) and (10), Benjamini-Hochberg, effect size r.
 
-Further: paired tests for arms that share seeds, the log-rank test for censored
-runs, 95 % intervals, and power: the smallest difference that a test with a number of seeds detects
-with probability 80 %.
+Further: the signed-rank test for arms that share seeds, 95 % intervals, and power: the smallest
+difference that a test with a number of runs detects with probability 80 %.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
-from math import ceil, floor, nan, sqrt
+from math import comb, nan, sqrt
 from typing import Any, Final
 
 import numpy as np
@@ -23,9 +22,6 @@ ASYMPTOTIC: Final = "asymptotic, corrected for ties and continuity"
 UNTESTED: Final = "no test: all values are equal"
 ENUMERATED: Final = 100  # most values with ties for an exact p-value
 DECIMALS: Final = 9  # of ranked values, as points of 50,000 have rounding errors in the eleventh
-RESAMPLES: Final = 10_000  # of a bootstrap
-MIN_VALUES: Final = 10  # least values of a bootstrap sample; with 3, the interval covers only 80 %
-BOOTSTRAP_SEED: Final = 20_240_901  # makes reports reproducible
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,7 +76,8 @@ def rank_test(
     if not np.any(counts > 1):
         p, kind = float(_stats().mannwhitneyu(x, y, method="exact").pvalue), EXACT
     elif n <= enumerated:
-        p, kind = tied_rank_p(x, y), EXACT_TIES
+        ranks = doubled_ranks(np.concatenate([x, y]))
+        p, kind = two_sided(sums_of_splits(ranks, n1), int(ranks[:n1].sum())), EXACT_TIES
     else:
         p, kind = float(_stats().mannwhitneyu(x, y, method="asymptotic").pvalue), ASYMPTOTIC
     return RankTest(
@@ -109,30 +106,12 @@ def paired_test(
     if not tied:
         p, kind = float(_stats().wilcoxon(moved, method="exact").pvalue), EXACT
     elif len(moved) <= enumerated:
-        p, kind = tied_signed_rank_p(moved), EXACT_TIES
+        ranks = doubled_ranks(np.abs(moved))
+        p, kind = two_sided(sums_of_subsets(ranks), int(ranks[moved > 0].sum())), EXACT_TIES
     else:
         p = float(_stats().wilcoxon(moved, method="approx", correction=True).pvalue)
         kind = ASYMPTOTIC
     return PairedTest(p, kind, len(difference), lower, higher)
-
-
-def log_rank(
-    first: Sequence[float | None], second: Sequence[float | None], *, horizon: float
-) -> float:
-    """Two-sided p of the log-rank test of event times; None: censored at `horizon`."""
-    stats = _stats()
-    samples = [
-        stats.CensoredData(
-            uncensored=[t for t in sample if t is not None],
-            right=[horizon for t in sample if t is None],
-        )
-        for sample in (first, second)
-    ]
-    if all(t is None for sample in (first, second) for t in sample):
-        return 1.0
-    with np.errstate(invalid="ignore", divide="ignore"):
-        p = float(stats.logrank(*samples).pvalue)
-    return 1.0 if np.isnan(p) else p
 
 
 def benjamini_hochberg(p: Sequence[float]) -> tuple[float, ...]:
@@ -140,34 +119,6 @@ def benjamini_hochberg(p: Sequence[float]) -> tuple[float, ...]:
     if not p:
         return ()
     return tuple(float(q) for q in _stats().false_discovery_control(p, method="bh"))
-
-
-def bootstrap(samples: Sequence[Sequence[float]], statistic: Callable[..., Any]) -> Interval:
-    """A statistic of one or several samples with its percentile bootstrap interval.
-
-    Each sample is resampled independently. `statistic` takes one array per sample and reduces the
-    last axis. Values may be infinite. A resample whose statistic is nan widens the interval, as it
-    may have any value. If a sample has fewer than MIN_VALUES values, the interval is nan.
-    """
-    if min(map(len, samples)) < MIN_VALUES:
-        with np.errstate(invalid="ignore"):
-            return Interval(float(statistic(*(np.asarray(s, float) for s in samples))), nan, nan)
-    rng = np.random.default_rng(BOOTSTRAP_SEED)
-    arrays = [np.asarray(s, float) for s in samples]
-    resamples = [a[rng.integers(len(a), size=(RESAMPLES, len(a)))] for a in arrays]
-    with np.errstate(invalid="ignore"):  # infinite minus infinite is nan: nothing is known
-        values, estimate = statistic(*resamples), float(statistic(*arrays))
-    unknown = np.isnan(values)
-    low = _percentile(np.where(unknown, -np.inf, values), 0.025)
-    high = _percentile(np.where(unknown, np.inf, values), 0.975)
-    return Interval(estimate, low, high)
-
-
-def _percentile(values: Any, share: float) -> float:
-    """The quantile by linear interpolation; neighbours may be infinite."""
-    at = share * (len(values) - 1)
-    a, b = np.sort(values)[[floor(at), ceil(at)]]
-    return float(a if a == b or np.isinf(a) else a + (b - a) * (at - floor(at)))
 
 
 def mean_interval(values: Sequence[float]) -> Interval:
@@ -203,22 +154,7 @@ def mean_sd(values: Sequence[float]) -> tuple[float, float]:
 # shift algorithm of Streitberg and Roehmel, "Exact distributions for permutation and rank
 # tests", Statistical Software Newsletter 12 (1986) 10-17: a value enters as its mid-rank,
 # doubled so that it is a whole number, and shifts the counts of all sums that were reached
-# without it. Sixty values take some milliseconds.
-
-
-def tied_rank_p(first: Any, second: Any) -> float:
-    """Two-sided p of Mann-Whitney's U over all splits of the values into samples of these sizes.
-
-    Twice the smaller tail, at most 1, as in scipy. Both arguments are arrays of numbers.
-    """
-    ranks = doubled_ranks(np.concatenate([first, second]))
-    return two_sided(sums_of_splits(ranks, len(first)), int(ranks[: len(first)].sum()))
-
-
-def tied_signed_rank_p(differences: Any) -> float:
-    """Two-sided p of Wilcoxon's signed-rank test over all signs of the nonzero differences."""
-    ranks = doubled_ranks(np.abs(differences))
-    return two_sided(sums_of_subsets(ranks), int(ranks[differences > 0].sum()))
+# without it. Sixty values take some milliseconds; SciPy's permutations of them would take years.
 
 
 def doubled_ranks(values: Any) -> Any:
@@ -264,33 +200,28 @@ SEED: Final = 7
 MAX_SHIFT: Final = 8.0  # SDs; greater differences have the same power
 
 
-@dataclass(frozen=True, slots=True)
-class Power:
-    """The smallest difference that n1 and n2 runs detect with a power of 80 % at a level."""
-
-    n: tuple[int, int]
-    level: float  # of a single test
-    shift: float | None  # in standard deviations of normal values; None: none is large enough
-    superiority: float | None  # probability that a run of the better arm beats one of the other
-    r: float | None  # the corresponding effect size, absolute value
-    least_p: float  # smallest possible p of the exact test
-
-
 @cache
-def smallest_difference(n1: int, n2: int, level: float = LEVEL) -> Power:
-    """By simulation of the exact Mann-Whitney test on shifted normal samples, seeded."""
-    least = float(_stats().mannwhitneyu(np.arange(n1), np.arange(n2) + n1, method="exact").pvalue)
-    if least > level:
-        return Power((n1, n2), level, None, None, None, least)
+def smallest_difference(n1: int, n2: int) -> float | None:
+    """The shift of normal values, in SDs, that n1 and n2 runs detect with a power of 80 %.
+
+    By simulation of the exact Mann-Whitney test on shifted normal samples, seeded. None: no shift
+    is large enough, as no p of the test is below the level.
+    """
+    if least_p(n1, n2) > LEVEL:
+        return None
     rng = np.random.default_rng(SEED)
     x, y = rng.normal(size=(SIMULATIONS, n1)), rng.normal(size=(SIMULATIONS, n2))
     low, high = 0.0, MAX_SHIFT
     while high - low > 0.005:
         middle = (low + high) / 2
         tests = _stats().mannwhitneyu(x, y + middle, axis=1, method="exact")
-        if np.mean(tests.pvalue <= level) < POWER:
+        if np.mean(tests.pvalue <= LEVEL) < POWER:
             low = middle
         else:
             high = middle
-    superiority = float(_stats().norm.cdf(high / np.sqrt(2)))
-    return Power((n1, n2), level, high, superiority, 2 * superiority - 1, least)
+    return high
+
+
+def least_p(n1: int, n2: int) -> float:
+    """The smallest p of the exact rank test of n1 and n2 values."""
+    return min(1.0, 2 / comb(n1 + n2, n1))

@@ -3,15 +3,18 @@
 from __future__ import annotations
 
 import re
-from collections import defaultdict
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, Final
 
 import yaml
 
-from islandgp.compare.runs import Run, RunEntry, read
 from islandgp.errors import StudyError
+from islandgp.records.folder import run_folders
+from islandgp.records.parameters import flatten
+from islandgp.scoring.classes import Classes
 from islandgp.sweep.folder import SweepFolder
 
 SHORT_KEYS: Final = {
@@ -26,14 +29,34 @@ UNSUPERVISED: Final = "baseline"
 
 MAX_NAME: Final = 80  # most characters of an arm's name
 
-_RANGE = re.compile(r"range\((\d+)(?:,\s*(\d+))?\)")
+_RANGE = re.compile(r"range\((?:(\d+),\s*)?(\d+)\)")
 _PART = re.compile(r"""(?:\([^)]*\)|\[[^]]*\]|'[^']*'|"[^"]*"|\S)+""")
 """A part of a selection; it may contain spaces in brackets and quotes."""
 
 
 @dataclass(frozen=True, slots=True)
+class Run:
+    """A run's folder with its configuration."""
+
+    path: Path
+    config: Mapping[str, Any]
+    flat: Mapping[str, Any]  # the same by dotted key
+    finished: bool = True
+
+    @property
+    def seed(self) -> int:
+        """The run's seed."""
+        return int(self.config["seed"])
+
+    @property
+    def classes(self) -> Classes:
+        """The behaviours, classes and tiers of its individuals."""
+        return Classes(**self.config["classes"])
+
+
+@dataclass(frozen=True, slots=True)
 class Arm:
-    """Runs that differ only in their seed."""
+    """Finished runs that differ only in their seed."""
 
     name: str
     selection: str  # text of the --arm option, or the overrides of a sweep's arm
@@ -44,79 +67,107 @@ class Arm:
     @property
     def seeds(self) -> tuple[int, ...]:
         """The seeds of the runs, in order."""
-        return tuple(r.seed for r in self.runs)
-
-    @property
-    def generations(self) -> int:
-        """Number of generations of the shortest run."""
-        return min(len(r.records) for r in self.runs)
+        return tuple(run.seed for run in self.runs)
 
 
 @dataclass(frozen=True, slots=True)
-class Selection:
-    """Settings that an arm's runs have in common, by dotted key."""
+class _Group:
+    """The runs of an arm before the unfinished ones are left out."""
 
-    text: str
-    conditions: tuple[tuple[str, Any], ...]  # a key, and a value or a range of values
+    runs: list[Run]
+    keys: frozenset[str]
+    levels: Mapping[str, str]
 
-    @property
-    def keys(self) -> frozenset[str]:
-        """The selected keys."""
-        return frozenset(key for key, _ in self.conditions)
-
-    def matches(self, run: RunEntry) -> bool:
-        """True if a run has all of the settings."""
-        return all(
-            key in run.flat
-            and (
-                run.flat[key] in value if isinstance(value, range) else _equal(run.flat[key], value)
-            )
-            for key, value in self.conditions
+    def arm(self, name: str, text: str) -> tuple[Arm, list[str]]:
+        """The arm of the finished runs, with a note on the others."""
+        finished = sorted((r for r in self.runs if r.finished), key=lambda r: (r.seed, r.path))
+        others = [r.path.name for r in self.runs if not r.finished]
+        note = (
+            f"{name}: {_some(others)} are left out as unfinished; the command that started them"
+            " finishes them."
         )
+        return Arm(name, text, tuple(finished), self.keys, self.levels), [note] * bool(others)
 
 
-def parse_selection(text: str) -> Selection:
+def find(folders: Sequence[Path], name: str | None = None) -> list[Run]:
+    """All runs in some folders, without MLflow's copies of runs.
+
+    Args:
+        folders: each is searched with all folders below it.
+        name: only the runs of the sweep with this name; None: all.
+
+    Raises:
+        StudyError: there is no such folder or sweep.
+        RunError: a run's configuration is damaged.
+    """
+    runs: dict[Path, Run] = {}
+    for folder in folders:
+        if not folder.is_dir():
+            raise StudyError(
+                f"Expected runs in {folder}, found no such folder; run `python -m islandgp` first,"
+                " or set --runs FOLDER."
+            )
+        for run in run_folders(folder):
+            if run.begun() and (run.path / "generations.jsonl").exists():
+                config = run.configuration()
+                found = Run(run.path, config, flatten(config), run.finished())
+                runs[run.path.resolve()] = found
+    chosen = [run for run in runs.values() if name in (None, run.flat["name"])]
+    if name is not None and not chosen:
+        names = ", ".join(sorted({str(run.flat["name"]) for run in runs.values()}))
+        raise StudyError(
+            f"Expected runs of a sweep named {name}, found none;"
+            + (f" there are {names}." if names else " there are no runs at all.")
+        )
+    return chosen
+
+
+def parse_selection(text: str) -> dict[str, Any]:
     """`supervisor=expert gp.population=30`, separated by spaces; a bare word is a sweep's name.
 
     A value is YAML, or `range(30)` or `range(100, 130)` for each number in the range.
+
+    Returns:
+        The values and ranges by dotted key.
     """
-    conditions = []
+    conditions: dict[str, Any] = {}
     for part in _PART.findall(text):
         key, equals, value = part.partition("=")
         if not equals:
             key, value = "name", part
-        conditions.append((SHORT_KEYS.get(key, key), _value(value)))
-    return Selection(text, tuple(conditions))
+        conditions[SHORT_KEYS.get(key, key)] = _value(value)
+    return conditions
 
 
 def _value(text: str) -> Any:
-    if re.match(r"range(\(|$)", text) and not _RANGE.fullmatch(text):
-        raise StudyError(f"Expected range(N) or range(M, N), found {text}.")
     if match := _RANGE.fullmatch(text):
-        first, last = match.groups()
-        return range(int(first)) if last is None else range(int(first), int(last))
-    try:
+        return range(int(match[1] or 0), int(match[2]))
+    if re.match(r"range(\(|$)", text):
+        raise StudyError(f"Expected range(N) or range(M, N), found {text}.")
+    with suppress(yaml.YAMLError):
         return yaml.safe_load(text)
-    except yaml.YAMLError:
-        return text
+    return text
+
+
+def matches(run: Run, conditions: Mapping[str, Any]) -> bool:
+    """True if a run has all of the settings."""
+    return all(key in run.flat and _equal(run.flat[key], v) for key, v in conditions.items())
 
 
 def _equal(recorded: Any, selected: Any) -> bool:
-    """True if a recorded value equals the value in a selection; numbers in any notation.
+    """True if a recorded value is the selected one, or in the selected range.
 
     YAML reads `1e-1` as text; compared with a recorded number, it is a number.
     """
-    if isinstance(recorded, list) and isinstance(selected, list):
-        return len(recorded) == len(selected) and all(map(_equal, recorded, selected))
+    if isinstance(selected, range):
+        return recorded in selected
     if isinstance(recorded, int | float) and isinstance(selected, str):
-        try:
+        with suppress(ValueError):
             return recorded == float(selected)
-        except ValueError:
-            return str(recorded) == selected
-    return recorded == selected or str(recorded) == str(selected)
+    return bool(recorded == selected or str(recorded) == str(selected))
 
 
-def select_arms(texts: Sequence[str], runs: Sequence[RunEntry]) -> tuple[list[Arm], list[str]]:
+def select_arms(texts: Sequence[str], runs: Sequence[Run]) -> tuple[list[Arm], list[str]]:
     """The arms of the --arm options, with notes on the runs that are left out.
 
     Args:
@@ -126,17 +177,15 @@ def select_arms(texts: Sequence[str], runs: Sequence[RunEntry]) -> tuple[list[Ar
     Raises:
         StudyError: a text is neither, or no finished run matches; the message lists the runs.
     """
-    by_label, _, keys = _by_arm(runs)
-    labels = {_words(label): label for label in by_label}
-    arms: list[Arm] = []
-    notes: list[str] = []
+    groups, _ = _by_arm(runs)
+    labels = {_words(label): label for label in groups}
+    arms, notes = [], []
     for text in texts:
         if label := labels.get(_words(text)):
-            members, levels = by_label[label]
-            arm, remarks = _arm(label, label, members, keys, levels)
+            arm, remarks = groups[label].arm(label, label)
         else:
-            name, condition = parse_arm(text, list(by_label))
-            arm, remarks = _selected(name, condition, runs)
+            name, selection = parse_arm(text, list(groups))
+            arm, remarks = _selected(name, selection, runs).arm(name, selection)
         arms.append(arm)
         notes += remarks
     return arms, notes
@@ -152,36 +201,39 @@ def parse_arm(text: str, labels: Sequence[str] = ()) -> tuple[str, str]:
 
     Raises StudyError, with the names of the arms in `labels`, for another text.
     """
-    name, _, selection = text.partition("=")
-    if len(name.strip()) > MAX_NAME:
+    name, _, selection = (part.strip() for part in text.partition("="))
+    if len(name) > MAX_NAME or not re.fullmatch(r"\w[\w.+-]*", name) or not selection:
         raise StudyError(
-            f"Expected an arm's name of at most {MAX_NAME} characters, found {len(name.strip())}:"
-            f" {name.strip():.20}..."
-        )
-    if not re.fullmatch(r"\w[\w.+-]*", name.strip()) or not selection.strip():
-        raise StudyError(
-            f'Expected --arm NAME="KEY=VALUE ..." or an arm of a sweep, found {text!r};'
-            ' for instance --arm expert="supervisor=expert".'
+            f'Expected --arm NAME="KEY=VALUE ..." with a name of at most {MAX_NAME} characters, or'
+            f" an arm of a sweep, found {text!r:.200}; for instance --arm"
+            ' expert="supervisor=expert".'
             + f" The arms are {', '.join(map(repr, labels))}."
             * bool(labels)
         )
-    return name.strip(), selection.strip()
+    return name, selection
 
 
-def _selected(name: str, text: str, runs: Sequence[RunEntry]) -> tuple[Arm, tuple[str, ...]]:
-    selection = parse_selection(text)
-    fitting = [run for run in runs if selection.matches(run)]
+def _selected(name: str, text: str, runs: Sequence[Run]) -> _Group:
+    """The runs of a selection. Raises StudyError if none of them is finished."""
+    conditions = parse_selection(text)
+    fitting = [run for run in runs if matches(run, conditions)]
     if not any(run.finished for run in fitting):
-        raise StudyError(_nothing(name, selection, runs, len(fitting)))
+        known = {*SHORT_KEYS, *(key for run in runs for key in run.flat)}
+        hints = "".join(f" There is no key {key}." for key in sorted({*conditions} - known))
+        raise StudyError(
+            f"Expected finished runs for {name}={text!r}, found {len(fitting) or 'no'} unfinished"
+            f" ones; start the same sweep again to finish them, or select others.{hints}"
+            + _overview(runs)
+        )
     levels = {
         key: str(value)
-        for key, value in selection.conditions
+        for key, value in conditions.items()
         if key not in ("name", "seed") and not isinstance(value, range)
     }
-    return _arm(name, text, fitting, selection.keys, levels)
+    return _Group(fitting, frozenset(conditions), levels)
 
 
-def arms_of_sweep(runs: Sequence[RunEntry]) -> tuple[list[Arm], list[str]]:
+def arms_of_sweep(runs: Sequence[Run]) -> tuple[list[Arm], list[str]]:
     """The arms of a sweep, with notes on omitted runs.
 
     An arm has the runs that differ only in their seed; it has the name that the sweep prints.
@@ -190,17 +242,15 @@ def arms_of_sweep(runs: Sequence[RunEntry]) -> tuple[list[Arm], list[str]]:
     Raises:
         StudyError: the runs are of several sweeps, or have fewer than two arms with finished runs.
     """
-    if len(names := sorted({str(run.flat["name"]) for run in runs})) > 1:
+    if len(names := {str(run.flat["name"]) for run in runs}) > 1:
         raise StudyError(
-            f"Expected --name or --arm, as there are runs of {len(names)} sweeps, found neither.\n"
-            "There are:\n  " + "\n  ".join(overview(runs))
+            f"Expected --name or --arm, as there are runs of {len(names)} sweeps, found neither."
+            + _overview(runs)
         )
-    by_label, notes, keys = _by_arm(runs)
-    finished = {
-        label: each for label, each in by_label.items() if any(run.finished for run in each[0])
-    }
+    groups, notes = _by_arm(runs)
+    finished = {name: g for name, g in groups.items() if any(run.finished for run in g.runs)}
     if len(finished) < 2:
-        unfinished = sum(not run.finished for members, _ in by_label.values() for run in members)
+        unfinished = sum(not run.finished for group in groups.values() for run in group.runs)
         more = f" (unfinished runs: {unfinished})" if unfinished else ""
         raise StudyError(
             f"Expected two arms or more with finished runs, found {', '.join(finished) or 'none'}"
@@ -208,48 +258,45 @@ def arms_of_sweep(runs: Sequence[RunEntry]) -> tuple[list[Arm], list[str]]:
         )
     arms: list[Arm] = []
     for label in sorted(finished, key=lambda label: label.split()[0] == UNSUPERVISED):
-        members, levels = finished[label]
-        arm, remarks = _arm(label, label, members, keys, levels)
+        arm, remarks = finished[label].arm(label, label)
         arms.append(arm)
         notes += remarks
     return arms, notes
 
 
-Members = dict[str, tuple[list[RunEntry], Mapping[str, str]]]
-"""The runs of each arm and the values of its factors, by label."""
-
-
-def _by_arm(runs: Sequence[RunEntry]) -> tuple[Members, list[str], frozenset[str]]:
-    """The runs by arm, a note on runs that are no jobs of their sweep, and the studied keys.
+def _by_arm(runs: Sequence[Run]) -> tuple[dict[str, _Group], list[str]]:
+    """The runs by arm, and a note on runs that are no jobs of their sweep.
 
     Folders of one name are parts of one sweep, whose arms differ in what any part varies.
     """
-    folders = {run.path.parent: SweepFolder(run.path.parent).read() for run in runs}
-    jobs = {
-        name: tuple(
-            job for f, file in folders.items() if file and f.name == name for job in file.jobs
+    folders = dict.fromkeys(run.path.parent for run in runs)
+    files = {folder: SweepFolder(folder).read() for folder in folders}
+    parts = {folder: file for folder, file in files.items() if file is not None}
+    wholes = {
+        folder: replace(
+            file,
+            jobs=tuple(j for f, part in parts.items() if f.name == folder.name for j in part.jobs),
         )
-        for name in {folder.name for folder in folders}
+        for folder, file in parts.items()
     }
-    files = {f: file and replace(file, jobs=jobs[f.name]) for f, file in folders.items()}
-    members: Members = {}
+    keys = frozenset[str]().union(*(whole.studied_keys() for whole in wholes.values()))
+    groups: dict[str, _Group] = {}
     others: list[str] = []
     for run in runs:
-        file = files[run.path.parent]
         label, levels = str(run.flat["supervisor.name"]), dict[str, str]()
-        if file is not None:
-            own = folders[run.path.parent] or file
-            job = next((job for job in own.jobs if job.folder == run.path.name), None)
-            if job is None:
+        if whole := wholes.get(run.path.parent):
+            jobs = {job.folder: job for job in parts[run.path.parent].jobs}
+            if run.path.name not in jobs:
                 others.append(run.path.name)
                 continue
-            label, levels = file.arm(job), file.levels(job)
-        members.setdefault(label, ([], levels))[0].append(run)
-    order = [label for file in files.values() if file for label in file.arms()]
-    members = dict(sorted(members.items(), key=lambda each: [*order, each[0]].index(each[0])))
-    keys = frozenset[str]().union(*(file.studied_keys() for file in files.values() if file))
-    notes = [f"{_some(others)} that are not jobs of the sweep are left out; --arm selects any run."]
-    return members, notes if others else [], keys
+            job = jobs[run.path.name]
+            label, levels = whole.arm(job), whole.levels(job)
+        groups.setdefault(label, _Group([], keys, levels)).runs.append(run)
+    order = [*(label for whole in wholes.values() for label in whole.arms()), *groups]
+    note = f"{_some(others)} that are not jobs of the sweep are left out; --arm selects any run."
+    return {name: groups[name] for name in dict.fromkeys(order) if name in groups}, [note] * bool(
+        others
+    )
 
 
 def _some(names: Sequence[str]) -> str:
@@ -257,63 +304,19 @@ def _some(names: Sequence[str]) -> str:
     return f"{len(names)} runs ({', '.join(names[:3])}{', ...' * (len(names) > 3)})"
 
 
-def _arm(
-    name: str,
-    text: str,
-    runs: Sequence[RunEntry],
-    keys: frozenset[str],
-    levels: Mapping[str, str],
-) -> tuple[Arm, tuple[str, ...]]:
-    """The arm of the finished ones of these runs, and notes on the others."""
-    finished = sorted((read(r) for r in runs if r.finished), key=lambda r: (r.seed, str(r.path)))
-    unfinished = [r.path.name for r in runs if not r.finished]
-    note = (
-        f"{name}: {_some(unfinished)} are left out as unfinished; the command that started them"
-        " finishes them."
-    )
-    return Arm(name, text, tuple(finished), keys, levels), (note,) if unfinished else ()
-
-
-def named(name: str, runs: Sequence[RunEntry]) -> list[RunEntry]:
-    """The runs of a sweep. Raises StudyError, with a list of the sweeps, if there is none."""
-    matching = [run for run in runs if run.flat["name"] == name]
-    if not matching:
-        names = sorted({str(run.flat["name"]) for run in runs})
-        raise StudyError(
-            f"Expected runs of a sweep named {name}, found none;"
-            + (f" there are {', '.join(names)}." if names else " there are no runs at all.")
-        )
-    return matching
-
-
-def _nothing(name: str, selection: Selection, runs: Sequence[RunEntry], unfinished: int) -> str:
-    if unfinished:
-        return (
-            f"Expected finished runs for {name}={selection.text!r}, found {unfinished} unfinished"
-            " ones; start the same sweep again to finish them."
-        )
-    keys = {*SHORT_KEYS, *(key for run in runs for key in run.flat)}
-    hints = [f" There is no key {key}." for key in sorted(selection.keys - keys)]
-    table = overview(runs)
-    return f"Expected runs for {name}={selection.text!r}, found none.{''.join(hints)}\n" + (
-        "There are:\n  " + "\n  ".join(table) if table else "There are no runs at all."
-    )
-
-
-def overview(runs: Sequence[RunEntry]) -> list[str]:
-    """A line for each sweep and supervisor of the existing runs."""
-    groups: dict[tuple[str, str], list[RunEntry]] = defaultdict(list)
+def _overview(runs: Sequence[Run]) -> str:
+    """A line per sweep and supervisor: which runs there are."""
+    groups: dict[str, list[Run]] = {}
     for run in runs:
-        groups[str(run.flat["name"]), str(run.flat["supervisor.name"])].append(run)
+        label = f"name={run.flat['name']} supervisor={run.flat['supervisor.name']}"
+        groups.setdefault(label, []).append(run)
     lines = []
-    for (name, supervisor), members in sorted(groups.items()):
-        seeds = in_short(sorted({int(run.flat["seed"]) for run in members}))
-        open_ones = sum(not run.finished for run in members)
-        more = f", {open_ones} of them unfinished" if open_ones else ""
-        lines.append(
-            f"name={name} supervisor={supervisor}: {len(members)} runs, seeds {seeds}{more}"
-        )
-    return lines
+    for label, members in sorted(groups.items()):
+        unfinished = sum(not run.finished for run in members)
+        rest = f", {unfinished} unfinished" if unfinished else ""
+        seeds = in_short(sorted({run.seed for run in members}))
+        lines.append(f"  {label}: {len(members)} runs, seeds {seeds}{rest}")
+    return "\n" + "\n".join(["There are:", *lines] if lines else ["There are no runs at all."])
 
 
 def in_short(numbers: Sequence[int]) -> str:

@@ -3,51 +3,79 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import closing
-from dataclasses import dataclass
-from statistics import fmean
-from typing import Final
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
 
+from islandgp.compare.champions import (
+    Make,
+    in_worlds,
+    perturbed_problem,
+    summarised,
+)
 from islandgp.compare.library import reference_trees
 from islandgp.errors import ConfigError, RunError
-from islandgp.evaluation.base import Evaluator, Problem, evaluated
-from islandgp.evaluation.perturbation import recorded_perturbation
+from islandgp.evaluation.base import Problem
 from islandgp.evolution.candidates import Candidate, CandidatesByFitness
 from islandgp.evolution.validation import validate, validation_seeds
 from islandgp.intervals import interval
 from islandgp.records.folder import RunFolder
-from islandgp.scoring.classes import Classes, tiers
-from islandgp.scoring.constraints import Constraints, feasible_share, recorded_constraints
+from islandgp.records.parameters import TASK
+from islandgp.scoring.classes import Classes
+from islandgp.scoring.constraints import Constraints, recorded_constraints
 from islandgp.seeding import Stream
+
+if TYPE_CHECKING:
+    from pandas import DataFrame  # type: ignore[import-untyped] # its stubs are a package apart
 
 EFFORT: Final = 20
 """Episodes of successive halving for each of --worlds."""
 
 
-@dataclass(frozen=True, slots=True)
-class Row:
-    """A tree in the test worlds."""
+def finished_runs(path: Path) -> tuple[list[RunFolder], list[str]]:
+    """The run in a folder, or those of the sweep, and the names of unfinished ones.
 
-    name: str
-    mean: float  # points, mean over the worlds
-    low: float  # 95 % interval of the mean
-    high: float
-    reached: dict[str, float]  # by milestone: share of the worlds
-    difference: float  # points, mean of the paired differences to the first row
-    difference_low: float  # its 95 % interval
-    difference_high: float
-    evolved: bool  # False: a tree of the library
-    tree: str
-    feasible: float | None = None  # share of the worlds in which it keeps all constraints
-    perturbed: float | None = None  # points, mean over the worlds after their perturbation
-    perturbed_worst: float | None = None  # points, the lowest of these
+    Raises:
+        RunError: there is none, or the fitness of two runs is not comparable.
+    """
+    one = RunFolder(path)
+    if one.begun():
+        one.about()  # a finished run that has lost its summary is damaged
+    below = [RunFolder(child) for child in sorted(path.iterdir())] if path.is_dir() else []
+    runs = [run for run in ([one] if one.finished() else below) if run.finished()]
+    if not runs:
+        raise RunError(f"Expected a finished run in {path}, found none; give a run's own folder.")
+    first = runs[0].configuration()
+    for run in runs[1:]:
+        config = run.configuration()
+        for group in sorted({*TASK, "constraints", "perturb"}):
+            if (first.get(group) or {}) != (config.get(group) or {}):
+                raise RunError(
+                    f"Expected runs with the same {group}, found different ones in"
+                    f" {runs[0].path.name} and {run.path.name}; give a run's own folder."
+                )
+    return runs, [run.path.name for run in below if run.about() and not run.finished()]
 
 
-def best_rows(
-    runs: Sequence[RunFolder], make: Callable[[Problem], Evaluator], tier: str, worlds: int
-) -> list[Row]:
-    """The rows: the winner first, and then by mean in validation worlds."""
+def best_trees(runs: Sequence[RunFolder], make: Make, tier: str, worlds: int) -> DataFrame:
+    """The winner first, then the others by mean in validation worlds, and trees of the library.
+
+    Args:
+        runs: finished ones.
+        make: creates an evaluator.
+        tier: only trees of a single run that reached it in training; "": any.
+        worlds: number of test worlds.
+
+    Returns:
+        A row per tree: `name`, the columns of `champions.summarised`, `evolved` (False: a tree of
+        the library), `low` and `high` (95 % interval of the points), and `difference`,
+        `difference_low` and `difference_high` (to the first row, of the pairs).
+
+    Raises:
+        ConfigError: there is no such tier.
+        RunError: there are no such trees.
+    """
     config = runs[0].configuration()
     classes, seed = Classes.model_validate(config["classes"]), int(config["seed"])
     if tier and tier not in classes.tiers:
@@ -59,36 +87,45 @@ def best_rows(
     episodes = EFFORT * worlds
     race = validation_seeds(seed, used_worlds, episodes)
     test = validation_seeds(seed, used_worlds.union(race), worlds, Stream.TEST)
-    perturbed = None
-    with closing(make(Problem.recorded(config))) as evaluator:
+    problem = Problem.recorded(config)
+    with closing(make(problem)) as evaluator:
         finalists = validate(
             contenders, race, evaluator, stage, classes, episodes=episodes, constraints=constraints
         )
-        names = _names(runs, [candidate for candidate, _ in finalists[:3]])
-        library = {tree: f"library: {name}" for name, tree in reference_trees(config).items()}
-        labels = names | {tree: name for tree, name in library.items() if tree not in names}
-        outcomes = evaluated(evaluator, list(labels), stage, test)
-    if recorded_perturbation(config) is not None:
-        with closing(make(Problem.recorded(config, perturbed=True))) as evaluator:
-            perturbed = evaluated(evaluator, list(labels), stage, test)
-    rows = []
-    for k, (tree, label) in enumerate(labels.items()):
-        reached = [tiers(outcome, classes) for outcome in outcomes[k]]
-        pairs = zip(outcomes[k], outcomes[0], strict=True)
-        after = [outcome.fitness for outcome in perturbed[k]] if perturbed else []
-        row = Row(
-            label,
-            *interval([outcome.fitness for outcome in outcomes[k]]),
-            {m: fmean(m in r for r in reached) for m in classes.milestones},
-            *interval([own.fitness - first.fitness for own, first in pairs]),
-            tree in names,
-            tree,
-            feasible_share([o.counters for o in outcomes[k]], constraints) if constraints else None,
-            fmean(after) if after else None,
-            min(after, default=None),
-        )
-        rows.append(row)
+    names = _names(runs, [candidate for candidate, _ in finalists[:3]])
+    library = {tree: f"library: {name}" for name, tree in reference_trees(config).items()}
+    labels = library | names
+    order = [*names, *(tree for tree in library if tree not in names)]
+    problems = problem, perturbed_problem(config)
+    found = in_worlds(order, make, problems, stage, test, classes, constraints)
+    points = found.pivot(index="world", columns="tree", values="points")
+    counters = [name for name in found if name.startswith("counters.")]
+    rows = summarised(found.drop(columns=counters)).reset_index()
+    rows["name"] = rows["tree"].map(labels)
+    rows["evolved"] = rows["tree"].isin([*names])
+    for columns, values in (
+        (("points", "low", "high"), points),
+        (("difference", "difference_low", "difference_high"), points.sub(points[order[0]], axis=0)),
+    ):
+        ends = [interval(values[tree].tolist()) for tree in order]
+        rows[[*columns]] = ends
     return rows
+
+
+def shortened_trees(runs: Sequence[RunFolder]) -> list[dict[str, Any]]:
+    """A run's shortened trees by size.
+
+    Raises RunError if there are none, or several runs.
+    """
+    if len(runs) > 1:
+        raise RunError(f"Expected one run for --front, found {len(runs)}; give a run's own folder.")
+    trees: list[dict[str, Any]] = runs[0].summary()["champion"]["front"]
+    if not trees:
+        raise RunError(
+            f"Expected a front in {runs[0].path}, found none: its tree was not shortened."
+        )
+    by_size = {tree["nodes"]: tree for tree in reversed(trees)}  # of equal sizes the shortened one
+    return [by_size[size] for size in sorted(by_size)]
 
 
 def _names(runs: Sequence[RunFolder], best: Sequence[Candidate]) -> dict[str, str]:
@@ -134,5 +171,4 @@ def _used_worlds(run: RunFolder) -> Iterator[int]:
         yield from record["worlds"]
     champion = run.summary()["champion"]
     yield from champion["chosen_in"]
-    if champion["validation"] is not None:
-        yield from champion["validation"]["worlds"]
+    yield from (champion["validation"] or {}).get("worlds", ())

@@ -8,47 +8,30 @@ too: a supervisor may inject trees that are good without evolution.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
-from functools import partial
-from pathlib import Path
-from statistics import fmean
+from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
 from islandgp.compare import library
+from islandgp.compare.arms import Run
 from islandgp.compare.comparable import Comparison
 from islandgp.compare.measures import POINTS, Measure
-from islandgp.compare.runs import Run
-from islandgp.domain import Outcome
 from islandgp.errors import RunError, StudyError, UntrustedError
-from islandgp.evaluation.base import Evaluator, Job, Problem
+from islandgp.evaluation.base import Evaluator, Problem, evaluated
 from islandgp.evolution.validation import validation_seeds
-from islandgp.scoring.classes import tiers
+from islandgp.scoring.classes import Classes, tiers
+from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, violation
 from islandgp.seeding import Stream
+
+if TYPE_CHECKING:
+    from pandas import DataFrame  # type: ignore[import-untyped] # its stubs are a package apart
 
 Make = Callable[[Problem], Evaluator]
 
-
-@dataclass(frozen=True, slots=True)
-class TreeResult:
-    """The results of a tree in unseen worlds under a task."""
-
-    arm: str  # or the name of a tree of the library
-    run: Path | None  # whose best robot it is; None: a tree of the library
-    seed: int | None  # of this run
-    task: str  # label
-    own: bool  # True: the task of its arm
-    points: tuple[float, ...]  # in each world, in the same order for all trees
-    reached: Mapping[str, float]  # share of the worlds in which it reaches a milestone
-    counters: Mapping[str, float]  # means over the worlds
-    perturbed: tuple[float, ...] = ()  # points in these worlds after their perturbation, if any
-
-    @property
-    def mean(self) -> float:
-        """Points, mean over the worlds."""
-        return fmean(self.points)
+PERTURBED = "perturbed"
+"""Column of points in perturbed worlds."""
 
 
 def unseen_worlds(study: Comparison, n: int) -> tuple[int, ...]:
@@ -56,9 +39,8 @@ def unseen_worlds(study: Comparison, n: int) -> tuple[int, ...]:
 
     They differ from those of `islandgp play`, which are 0, 1, 2, ...
     """
-    used = {w for _, run in study.runs for record in run.records for w in record.worlds}
-    used |= {w for _, run in study.runs for w in run.validation}
-    return validation_seeds(0, frozenset(used), n, Stream.UNSEEN)
+    used = frozenset[int]().union(*study.runs["worlds"])
+    return validation_seeds(0, used, n, Stream.UNSEEN)
 
 
 def library_trees(study: Comparison) -> dict[str, str]:
@@ -68,16 +50,80 @@ def library_trees(study: Comparison) -> dict[str, str]:
     """
     trees: dict[str, str] = {}
     for arm in study.arms:
-        config = arm.runs[0].config
-        for texts in (library.reference_trees(config), library.trees_for_targets(config)):
-            for name, text in texts.items():
-                trees.setdefault(text, f"library: {name}")
+        for name, text in library.library_trees(arm.runs[0].config).items():
+            trees.setdefault(text, f"library: {name}")
     return {name: text for text, name in trees.items()}
+
+
+def in_worlds(
+    trees: Sequence[str],
+    make: Make,
+    problems: tuple[Problem, Problem | None],
+    stage: int,
+    worlds: Sequence[int],
+    classes: Classes,
+    constraints: Constraints = NO_CONSTRAINTS,
+) -> DataFrame:
+    """The episodes of trees in some worlds.
+
+    Args:
+        trees: distinct texts.
+        make: creates an evaluator.
+        problems: the second one has perturbed worlds; None: without them.
+        stage: index of the curriculum's stage.
+        worlds: seeds.
+        classes: define the tiers.
+        constraints: of the counters.
+
+    Returns:
+        A row per tree and world: `tree`, `world`, `points`, `perturbed` (points in the perturbed
+        world), `feasible`, `reached.TIER` and `counters.NAME`.
+
+    Raises:
+        EvaluationError: an episode cannot be run.
+    """
+    from pandas import DataFrame
+
+    rows: list[dict[str, Any]] = []
+    places = [(tree, world) for tree in trees for world in worlds]
+    with closing(make(problems[0])) as evaluator:
+        outcomes = [o for each in evaluated(evaluator, trees, stage, worlds) for o in each]
+    for (tree, world), outcome in zip(places, outcomes, strict=True):
+        found = tiers(outcome, classes)
+        rows.append(
+            {
+                "tree": tree,
+                "world": world,
+                "points": outcome.fitness,
+                **(
+                    {"feasible": not violation(outcome.counters, constraints)}
+                    if constraints
+                    else {}
+                ),
+                **{f"reached.{tier}": tier in found for tier in classes.milestones},
+                **{f"counters.{name}": value for name, value in outcome.counters.items()},
+            }
+        )
+    frame = DataFrame(rows)
+    if problems[1] is not None:
+        with closing(make(problems[1])) as evaluator:
+            after = [o for each in evaluated(evaluator, trees, stage, worlds) for o in each]
+        frame[PERTURBED] = [outcome.fitness for outcome in after]
+    return frame
+
+
+def summarised(episodes: DataFrame) -> DataFrame:
+    """The means over the worlds by tree, and the lowest points as `worst`, `perturbed_worst`."""
+    by_tree = episodes.drop(columns="world").groupby("tree", sort=False)
+    means = by_tree.mean().assign(worst=by_tree["points"].min())
+    if PERTURBED in episodes:
+        means[f"{PERTURBED}_worst"] = by_tree[PERTURBED].min()
+    return means
 
 
 def evaluate_champions(
     study: Comparison, make: Make, *, worlds: int, trees: Mapping[str, str]
-) -> tuple[TreeResult, ...]:
+) -> DataFrame:
     """Evaluates each run's best robot, and further trees, in the same unseen worlds.
 
     Args:
@@ -86,60 +132,40 @@ def evaluate_champions(
         worlds: number of world seeds.
         trees: texts of further trees by name.
 
+    Returns:
+        A row per tree and task, as `summarised`, with `arm` (or the tree's name), `run` and `seed`
+        (missing for further trees), `task` (label) and `own` (whether it is that of its arm).
+
     Raises:
         EvaluationError: an episode cannot be run.
         StudyError: the domain's class cannot be imported.
     """
+    from pandas import DataFrame, concat
+
     seeds = unseen_worlds(study, worlds)
-    everyone: list[tuple[str, Run | None, str]] = [
-        (arm.name, run, run.champion.record.tree) for arm, run in study.runs
-    ]
-    everyone += [(name, None, text) for name, text in trees.items()]
+    robots = study.runs.reset_index()[["arm", "run", "seed", "tree"]]
+    others = DataFrame({"arm": [*trees], "tree": [*trees.values()]})
+    everyone = concat([robots, others], ignore_index=True)
+    texts = [*everyone["tree"].unique()]
     results = []
     for task in study.tasks:
-        problem, classes = problem_of(task.run), task.run.classes
-        stage = len(problem.curriculum.stages) - 1
-        jobs = {text: [Job(text, stage, world) for world in seeds] for _, _, text in everyone}
-        every_job = [job for each in jobs.values() for job in each]
-        outcomes = _outcomes(make(problem), every_job)
-        perturbed: Mapping[Job, Outcome] = {}
-        if task.run.config.get("perturb") is not None:
-            perturbed = _outcomes(make(problem_of(task.run, perturbed=True)), every_job)
-        for name, run, text in everyone:
-            found = [outcomes[job] for job in jobs[text]]
-            reached = [tiers(outcome, classes) for outcome in found]
-            results.append(
-                TreeResult(
-                    arm=name,
-                    run=None if run is None else run.path,
-                    seed=None if run is None else run.seed,
-                    task=task.label,
-                    own=name in task.arms,
-                    points=tuple(outcome.fitness for outcome in found),
-                    reached={m: fmean(m in r for r in reached) for m in classes.milestones},
-                    counters={c: fmean(o.counters[c] for o in found) for c in found[0].counters},
-                    perturbed=tuple(perturbed[job].fitness for job in jobs[text] if perturbed),
-                )
-            )
-    return tuple(results)
+        problems = problem_of(task.run), perturbed_problem(task.run.config)
+        stage = len(problems[0].curriculum.stages) - 1
+        found = in_worlds(texts, make, problems, stage, seeds, task.run.classes)
+        rows = everyone.join(summarised(found), on="tree")
+        results.append(rows.assign(task=task.label, own=rows["arm"].isin(task.arms)))
+    return concat(results, ignore_index=True)
 
 
-def _outcomes(evaluator: Evaluator, jobs: Iterable[Job]) -> dict[Job, Outcome]:
-    """The outcome of each job; equal jobs are run once."""
-    with closing(evaluator):
-        distinct = list(dict.fromkeys(jobs))
-        return dict(zip(distinct, evaluator.evaluate(distinct), strict=True))
-
-
-def problem_of(run: Run, *, perturbed: bool | None = None) -> Problem:
-    """The problem of a run; `perturbed` as in `Problem.recorded`.
+def problem_of(run: Run) -> Problem:
+    """The problem of a run.
 
     Raises:
         StudyError: its domain cannot be imported.
         UntrustedError: only the run names its domain.
     """
     try:
-        return Problem.recorded(run.config, perturbed=perturbed)
+        return Problem.recorded(run.config)
     except UntrustedError:
         raise
     except RunError as error:
@@ -152,38 +178,36 @@ def problem_of(run: Run, *, perturbed: bool | None = None) -> Problem:
         ) from error
 
 
+def perturbed_problem(config: Mapping[str, Any]) -> Problem | None:
+    """The problem of a run's perturbed worlds; None if its configuration has none."""
+    return None if config.get("perturb") is None else Problem.recorded(config, perturbed=True)
+
+
 def champion_keys(study: Comparison) -> tuple[str, ...]:
     """The keys of `champion_measures`."""
     if len(study.tasks) == 1:
         return ("unseen",)
-    counters = study.arms[0].runs[0].champion.record.counters
     tasks = (f"unseen_{k}" for k in range(1, len(study.tasks) + 1))
-    return (*tasks, *(f"counters.{name}" for name in counters))
+    return (*tasks, *(c for c in study.generations if c.startswith("counters.")))
 
 
-def champion_measures(study: Comparison, results: Sequence[TreeResult]) -> tuple[Measure, ...]:
-    """Measures of the best robots: points under each task; with several tasks, also counters.
+def with_champions(study: Comparison, tested: DataFrame) -> tuple[DataFrame, tuple[Measure, ...]]:
+    """The frame of runs with measures of the best robots, and these measures.
 
-    A counter is the mean of a run's best robot in the worlds of its own task.
+    They are points under each task; with several tasks, also counters, which are the mean of a
+    run's best robot in the worlds of its own task.
     """
-    if not results:
-        return ()
-    several = len(study.tasks) > 1
-    measures = []
+    robots, several = tested[tested["run"].notna()], len(study.tasks) > 1
+    runs, measures = study.runs, []
     for k, task in enumerate(study.tasks, 1):
-        points: dict[Path | None, float] = {
-            r.run: r.mean for r in results if r.task == task.label and r.run
-        }
         key = f"unseen_{k}" if several else "unseen"
         label = f"Best robot in unseen worlds{f' under {task.label}' if several else ''}"
-        measures.append(Measure(key, label, POINTS, partial(_value, points)))
-    own = {r.run: r.counters for r in results if r.own and r.run}
-    for name in results[0].counters if several else ():
-        values: dict[Path | None, float] = {path: counters[name] for path, counters in own.items()}
-        label = f"{name} of the best robot, own task"
-        measures.append(Measure(f"counters.{name}", label, "count", partial(_value, values)))
-    return tuple(measures)
-
-
-def _value(values: Mapping[Path | None, float], run: Run) -> float:
-    return values[run.path]
+        measures.append(Measure(key, label, POINTS))
+        points = robots[robots["task"] == task.label].set_index("run")["points"]
+        runs = runs.assign(**{key: points})
+    own = robots[robots["own"]].set_index("run")
+    for name in [c for c in own if c.startswith("counters.")] if several else ():
+        label = f"{name.removeprefix('counters.')} of the best robot, own task"
+        measures.append(Measure(name, label, "count"))
+        runs = runs.assign(**{name: own[name]})
+    return runs, tuple(measures)

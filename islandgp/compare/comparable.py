@@ -5,17 +5,19 @@ from __future__ import annotations
 import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
 from textwrap import shorten
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
-from islandgp.compare.arms import Arm, in_short
-from islandgp.compare.measures import episode_cost
-from islandgp.compare.runs import Run, cut
+from islandgp.compare.arms import Arm, Run, in_short
+from islandgp.compare.measures import identical, measured, read_runs
 from islandgp.errors import StudyError
 from islandgp.records.parameters import TASK, flatten, runtime_keys, short_key
 from islandgp.scoring.classes import Classes
+
+if TYPE_CHECKING:
+    from pandas import DataFrame  # type: ignore[import-untyped] # its stubs are a package apart
 
 VARIED_GROUPS: Final = frozenset({"supervisor"})
 """The group in which arms may always differ (section 3.1)."""
@@ -48,12 +50,14 @@ class Task:
     run: Run  # one with this task
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Comparison:
     """Arms to compare, with warnings about confounded settings."""
 
     arms: tuple[Arm, ...]
     tasks: tuple[Task, ...]  # the distinct ones, in the order of the arms
+    runs: DataFrame  # of `read_runs`, with measures; indexed by the path
+    generations: DataFrame  # of `read_runs`, as many for each run
     comparability_warnings: tuple[str, ...]  # differences that make the comparison doubtful
     notes: tuple[str, ...]  # further notes for the reader
     sources: tuple[str, ...]  # folders of the runs
@@ -62,11 +66,6 @@ class Comparison:
     def names(self) -> tuple[str, ...]:
         """The names of the arms."""
         return tuple(arm.name for arm in self.arms)
-
-    @property
-    def runs(self) -> tuple[tuple[Arm, Run], ...]:
-        """All runs, each with its arm."""
-        return tuple((arm, run) for arm in self.arms for run in arm.runs)
 
     @property
     def classes(self) -> Classes:
@@ -79,9 +78,9 @@ class Comparison:
         return tuple(combinations(self.arms, 2))
 
     @property
-    def generations(self) -> int:
-        """Number of generations that all arms have."""
-        return min(a.generations for a in self.arms)
+    def horizon(self) -> int:
+        """Number of generations of each run."""
+        return int(self.generations["generation"].max()) + 1
 
     @property
     def same_training(self) -> bool:
@@ -93,6 +92,10 @@ class Comparison:
         """The task of an arm."""
         return next(task for task in self.tasks if arm in task.arms)
 
+    def of_arm(self, name: str) -> DataFrame:
+        """The runs of an arm."""
+        return self.runs[self.runs["arm"] == name]
+
 
 def compare_arms(
     arms: Sequence[Arm],
@@ -101,7 +104,7 @@ def compare_arms(
     notes: Sequence[str] = (),
     sources: Sequence[str] = (),
 ) -> Comparison:
-    """Makes a comparison of arms; all runs are cut to the length of the shortest one.
+    """Makes a comparison of arms; generations after the end of the shortest run are left out.
 
     Args:
         arms: two or more, of different names.
@@ -115,11 +118,11 @@ def compare_arms(
     Raises:
         StudyError: fewer than two arms, equal names, a run in two arms, runs that are too
             short or of two domains; or the arms are not comparable and `force` is not set.
+        RunError: a run is damaged.
     """
     _check_names(arms)
     _check_vocabulary(arms)
-    intended: list[str] = []  # differences in keys that the arms may differ in
-    warnings = _inside(arms)
+    warnings, intended = _inside(arms), list[str]()
     for key, values in _differences(arms):
         if _may_differ(key, [arm.keys for arm in arms]):
             intended.append(f"The arms differ in {key}: {values}.")
@@ -132,20 +135,34 @@ def compare_arms(
             + "\n  ".join(shorten(line, width=400, placeholder=" ...") for line in warnings)
             + f"\n{_REMEDIES['curriculum' if 'curriculum.' in str(warnings) else 'runs']}"
         )
-    horizon = min(arm.generations for arm in arms)
-    shortened = tuple(replace(a, runs=tuple(cut(run, horizon) for run in a.runs)) for a in arms)
+    generations, runs = read_runs(arms)
+    lengths = generations.groupby("run")["generation"].count()
+    horizon, shortest = lengths.min(), runs.loc[lengths.idxmin(), "arm"]
+    if horizon < MIN_GENERATIONS:
+        raise StudyError(
+            f"Expected runs of at least {MIN_GENERATIONS} generations, found {horizon} in"
+            f" {shortest}; early, mid and late training need one each."
+        )
+    longer = runs[lengths.reindex(runs.index) > horizon]["arm"]
+    cuts = [
+        f"{name} has runs of more than {horizon} generations; measures of training end with"
+        f" generation {horizon - 1}, the last one of the shortest run."
+        for name in longer.unique()
+    ]
+    generations = generations[generations["generation"] < horizon]
+    values = measured(generations, arms[0].runs[0].classes)
+    runs = runs.drop(columns=values.columns, errors="ignore").join(values)
+    tasks = _tasks(arms)
+    labels = {name: task.label for task in tasks for name in task.arms}
+    runs.insert(2, "task", runs["arm"].map(labels))
+    further = (*cuts, *_pairs(arms), *_costs(runs), *_alike(arms, generations), *notes)
     return Comparison(
-        arms=shortened,
-        tasks=_tasks(shortened),
+        arms=tuple(arms),
+        tasks=tasks,
+        runs=runs,
+        generations=generations,
         comparability_warnings=tuple(warnings),
-        notes=(
-            *intended,
-            *_cuts(arms, horizon),
-            *_pairs(shortened),
-            *_costs(shortened),
-            *_alike(shortened),
-            *notes,
-        ),
+        notes=(*intended, *further),
         sources=tuple(sources),
     )
 
@@ -182,11 +199,10 @@ def shared_seeds(first: Arm, second: Arm) -> tuple[int, ...]:
 
     Runs with the same seed and start have the same initial population and seeds of worlds.
     """
-    runs = [
+    a, b = (
         {run.seed: run for run in arm.runs if arm.seeds.count(run.seed) == 1}
         for arm in (first, second)
-    ]
-    a, b = runs
+    )
     return tuple(seed for seed in sorted({*a} & {*b}) if _start(a[seed]) == _start(b[seed]))
 
 
@@ -208,37 +224,23 @@ def _pairs(arms: Sequence[Arm]) -> Iterator[str]:
             )
 
 
-def _costs(arms: Sequence[Arm]) -> Iterator[str]:
+def _costs(runs: DataFrame) -> Iterator[str]:
     """A warning if runs of the arms had clearly different numbers of episodes."""
-    costs = {arm.name: sum(map(episode_cost, arm.runs)) / len(arm.runs) for arm in arms}
-    if max(costs.values()) > (1 + UNEQUAL) * min(costs.values()):
+    costs = runs.groupby("arm", sort=False)["episodes"].mean()
+    if costs.max() > (1 + UNEQUAL) * costs.min():
         each = ", ".join(f"{arm} {cost:,.0f}" for arm, cost in costs.items())
         yield f"Warning: arms of unequal cost, in episodes of a run: {each}."
 
 
-def _alike(arms: Sequence[Arm]) -> Iterator[str]:
+def _alike(arms: Sequence[Arm], generations: DataFrame) -> Iterator[str]:
     """A note for each pair of arms whose runs have identical populations."""
+    by_arm = dict(iter(generations.groupby("arm")))
     for a, b in combinations(arms, 2):
-        populations, others = (
-            {run.seed: [r.individuals for r in run.records] for run in arm.runs} for arm in (a, b)
-        )
-        same = [seed for seed, each in populations.items() if each == others.get(seed)]
-        if same:
+        if same := list(identical(by_arm[a.name], by_arm[b.name])):
             yield (
                 f"{a.name} and {b.name} have the same individuals in every generation of"
-                f" {len(same)} of {len(a.runs)} runs (seeds {in_short(sorted(same))}): no test can"
+                f" {len(same)} of {len(a.runs)} runs (seeds {in_short(same)}): no test can"
                 " find a difference there."
-            )
-
-
-def _cuts(arms: Sequence[Arm], horizon: int) -> Iterator[str]:
-    """Notes on arms that lose generations, because all runs are cut to `horizon` of them."""
-    for arm in arms:
-        longest = max(len(run.records) for run in arm.runs)
-        if longest > horizon:
-            yield (
-                f"{arm.name} has runs of {longest} generations; measures of all runs end with"
-                f" generation {horizon - 1}, the last one of the shortest run."
             )
 
 
@@ -248,12 +250,6 @@ def _check_names(arms: Sequence[Arm]) -> None:
             f"Expected two or more arms, found {len(arms)}; for instance"
             ' --arm expert="supervisor=expert" --arm baseline="supervisor=baseline".'
         )
-    for arm in arms:
-        if arm.generations < MIN_GENERATIONS:
-            raise StudyError(
-                f"Expected runs of at least {MIN_GENERATIONS} generations, found {arm.generations}"
-                f" in {arm.name}; early, mid and late training need one each."
-            )
     for name, count in Counter(arm.name for arm in arms).items():
         if count > 1:
             raise StudyError(f"Expected arms of different names, found {name} {count} times.")
@@ -314,8 +310,8 @@ def _inside(arms: Sequence[Arm]) -> list[str]:
     return warnings
 
 
-def _differences(arms: Sequence[Arm]) -> list[tuple[str, str]]:
-    differences = []
+def _differences(arms: Sequence[Arm]) -> Iterator[tuple[str, str]]:
+    """The keys in which the first runs of arms differ, with their values."""
     irrelevant = _irrelevant(arms)
     names = [arm.name for arm in arms]
     kinds = {str(run.flat.get("supervisor.factory")) for arm in arms for run in arm.runs}
@@ -325,11 +321,8 @@ def _differences(arms: Sequence[Arm]) -> list[tuple[str, str]]:
         if len(kinds) > 1 and key.startswith("supervisor.policy."):
             continue  # settings differ with the kind of supervisor
         values = [str(arm.runs[0].flat.get(key, "not set")) for arm in arms]
-        if key == "supervisor.name" and values == names:
-            continue  # the names of the arms show it
-        if len(set(values)) > 1:
-            differences.append((key, _by_value(names, values)))
-    return differences
+        if len(set(values)) > 1 and not (key == "supervisor.name" and values == names):
+            yield key, _by_value(names, values)
 
 
 def _by_value(names: Sequence[str], values: Sequence[str]) -> str:

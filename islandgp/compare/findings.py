@@ -2,10 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations, product
-from math import inf, isfinite, isnan, nan
+from math import isfinite, isnan, nan
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -21,23 +21,20 @@ from islandgp.statistics import (
     UNTESTED,
     Interval,
     benjamini_hochberg,
-    log_rank,
+    least_p,
     mean_difference,
     mean_sd,
     paired_difference,
     paired_test,
     rank_test,
-    smallest_difference,
 )
 
 if TYPE_CHECKING:
-    from pandas import DataFrame  # type: ignore[import-untyped] # its stubs are a package apart
+    from pandas import DataFrame, Series  # type: ignore[import-untyped] # stubs are a package apart
 
 FIRST: Final = "the first two arms"
 REST: Final = "other pairs"
 
-Sample = Sequence[float | None]
-"""The values of an arm's runs; None: censored."""
 Row = Mapping[str, Any]
 """A comparison of two arms by a measure: a row of tests.csv."""
 
@@ -55,48 +52,45 @@ DEFAULT_PLAN: Final = AnalysisPlan()
 """The default plan."""
 
 
-def parse_family(text: str) -> tuple[str, tuple[str, ...]]:
-    """Parses NAME=arm,arm,... Raises StudyError for other texts."""
-    name, _, rest = text.partition("=")
-    arms = tuple(dict.fromkeys(arm.strip() for arm in rest.split(",") if arm.strip()))
-    if not name.strip() or len(arms) < 2:
-        raise StudyError(
-            f"Expected --family NAME=ARM,ARM,... with two arms or more, found {text!r};"
-            " for instance --family judgement=expert,blind,trees."
-        )
-    return name.strip(), arms
-
-
-def parse_margin(text: str) -> tuple[str, float]:
-    """Parses MEASURE=VALUE. Raises StudyError for other texts."""
-    name, _, rest = text.partition("=")
-    try:
-        value = float(rest)
-    except ValueError:
-        value = 0.0
-    if not name.strip() or not isfinite(value) or value <= 0:
-        raise StudyError(
-            f"Expected --margin MEASURE=VALUE with a value above 0, found {text!r};"
-            " for instance --margin mean_max=2500."
-        )
-    return name.strip(), value
-
-
 def parse_plan(
     families: Sequence[str], primary: str | None, margins: Sequence[str]
 ) -> AnalysisPlan:
     """Parses the options of a plan. Raises StudyError if one is not valid."""
-    named = list(map(parse_family, families))
-    bounds = list(map(parse_margin, margins))
-    for option, keys in (("family", [n for n, _ in named]), ("margin", [m for m, _ in bounds])):
-        if twice := [key for key in dict.fromkeys(keys) if keys.count(key) > 1]:
-            raise StudyError(f"Expected each {option} once, found {twice[0]} twice; leave one out.")
-    if {FIRST, REST} & set(dict(named)):
+
+    def arms(text: str) -> tuple[str, ...] | None:
+        names = tuple(dict.fromkeys(arm.strip() for arm in text.split(",") if arm.strip()))
+        return names if len(names) > 1 else None
+
+    def above_0(text: str) -> float | None:
+        return value if isfinite(value := float(text)) and value > 0 else None
+
+    groups = _by_name("family", "NAME=ARM,ARM,... with two arms or more", families, arms)
+    if {FIRST, REST} & {*groups}:
         raise StudyError(
             f"Expected other names for families than {FIRST!r} and {REST!r}, which are taken;"
             " choose another name."
         )
-    return AnalysisPlan(dict(named), primary, dict(bounds))
+    bounds = _by_name("margin", "MEASURE=VALUE with a value above 0", margins, above_0)
+    return AnalysisPlan(groups, primary, bounds)
+
+
+def _by_name(
+    option: str, form: str, texts: Sequence[str], parse: Callable[[str], Any]
+) -> dict[str, Any]:
+    """The values of NAME=VALUE by name. Raises StudyError for other texts, or a name twice."""
+    values: dict[str, Any] = {}
+    for text in texts:
+        name, _, rest = (part.strip() for part in text.partition("="))
+        try:
+            value = parse(rest)
+        except ValueError:
+            value = None
+        if not name or value is None:
+            raise StudyError(f"Expected --{option} {form}, found {text!r}; correct or omit it.")
+        if name in values:
+            raise StudyError(f"Expected each {option} once, found {name} twice; leave one out.")
+        values[name] = value
+    return values
 
 
 def check_plan(plan: AnalysisPlan, study: Comparison, keys: Sequence[str]) -> None:
@@ -141,41 +135,35 @@ def families(study: Comparison, plan: AnalysisPlan) -> dict[str, tuple[tuple[Arm
     return {**result, REST: tuple(remaining)} if remaining else result
 
 
-def examine_all(study: Comparison, plan: AnalysisPlan, measures: Sequence[Measure]) -> list[Row]:
+def examine_all(study: Comparison, plan: AnalysisPlan, measures: Sequence[Measure]) -> DataFrame:
     """The comparisons of all pairs of arms by all measures, family by family.
 
     With margins, the families after the first have the measures with margins only. The p-values
     of other measures, and of those that are not `main`, are adjusted separately.
     """
-    rows: list[Row] = []
+    from pandas import DataFrame
+
+    rows = []
     for name, pairs in families(study, plan).items():
         keys = {m.key for m in measures if m.main}
         if plan.margins and name != FIRST:
             keys = {*plan.margins}
-        inside = [m for m in measures if m.key in keys]
-        further = [m for m in measures if m.key not in keys]
-        for family, group in ((name, inside), (f"{name}, further", further)):
-            found = [row for a, b in pairs for row in _compared(study, a, b, group)]
-            rows += adjust(found, family)
-    return rows
-
-
-def _compared(study: Comparison, a: Arm, b: Arm, measures: Sequence[Measure]) -> Iterator[Row]:
-    """The row of each measure for a pair of arms."""
-    shared = set(shared_seeds(a, b))
-    for measure in measures:
-        samples = [measure.of(run) for run in a.runs], [measure.of(run) for run in b.runs]
-        pairs = [[measure.of(run) for run in arm.runs if run.seed in shared] for arm in (a, b)]
-        yield examine(measure, (a.name, b.name), samples, study.generations, pairs=pairs)
+        for (a, b), measure in product(pairs, measures):
+            shared = [*shared_seeds(a, b)]
+            samples = [study.of_arm(arm.name).set_index("seed")[measure.key] for arm in (a, b)]
+            pairs_of_seeds = [sample.loc[shared] for sample in samples]
+            row = examine(measure, (a.name, b.name), samples, study.horizon, pairs=pairs_of_seeds)
+            rows.append({**row, "family": name if measure.key in keys else f"{name}, further"})
+    return adjust(DataFrame(rows))
 
 
 def examine(
     measure: Measure,
     arms: tuple[str, str],
-    samples: tuple[Sample, Sample],
+    samples: Sequence[Sequence[float]],
     generations: int,
     *,
-    pairs: Sequence[Sample] = ((), ()),
+    pairs: Sequence[Sequence[float]] = ((), ()),
     enumerated: int = ENUMERATED,
 ) -> Row:
     """The tests of two samples, with unadjusted p-values.
@@ -183,33 +171,31 @@ def examine(
     Args:
         measure: what the values are.
         arms: names of the arms.
-        samples: the values of all runs.
-        generations: at which runs are censored.
+        samples: the values of all runs; nan: censored.
+        generations: at which runs are censored: they rank after the last generation.
         pairs: the values of the shared seeds, in the same order in both arms.
         enumerated: as for `rank_test`.
     """
-    x, y = (ranks(sample, generations) for sample in samples)
+    x, y = (np.nan_to_num(np.asarray(s, float), nan=generations) for s in samples)
+    first, second = (np.nan_to_num(np.asarray(s, float), nan=generations) for s in pairs)
     test = rank_test(x, y, enumerated=enumerated)
-    first, second = (ranks(sample, generations) for sample in pairs)
-    paired = paired_test(first, second) if first else None
-    censored = [sum(v is None for v in sample) for sample in samples]
-    never = censored == [len(x), len(y)]
-    logs = log_rank(*samples, horizon=generations) if measure.emergence else None
+    paired = paired_test(first, second) if len(first) else None
+    censored = [int(np.isnan(np.asarray(sample, float)).sum()) for sample in samples]
     difference = paired_difference(first, second) if paired else mean_difference(x, y)
-    if never:
+    if censored == [len(x), len(y)]:
         difference = Interval(nan, nan, nan)
-    (mean_x, sd_x), (mean_y, sd_y) = mean_sd(x), mean_sd(y)
+    sides: dict[str, float] = {}
+    for side, values, missing in zip(("first", "second"), (x, y), censored, strict=True):
+        mean, sd = mean_sd(values)
+        figures = {"n": len(values), "mean": mean, "sd": sd, "censored": missing}
+        sides |= {f"{name}_{side}": value for name, value in figures.items()}
     return {
         "first": arms[0],
         "second": arms[1],
         "measure": measure.key,
         "label": measure.label,
         "unit": "generations without one" if measure.emergence else measure.unit,
-        **_two("n", len(x), len(y)),
-        **_two("mean", mean_x, mean_y),
-        **_two("sd", sd_x, sd_y),
-        **_two("median", *(_median(sample) for sample in samples)),
-        **_two("censored", *censored),
+        **sides,
         "difference": difference.estimate,
         "difference_low": difference.low,
         "difference_high": difference.high,
@@ -217,46 +203,37 @@ def examine(
         "z": test.z,
         "p": test.p,
         "kind": test.kind,
-        "p_bh": test.p,
         "r": test.r,
-        "pairs": paired and paired.pairs,
-        "pairs_lower": paired and paired.lower,
-        "pairs_higher": paired and paired.higher,
-        "paired_p": paired and paired.p,
-        "paired_kind": paired and paired.kind,
-        "paired_p_bh": paired and paired.p,
-        "log_rank_p": logs,
-        "log_rank_p_bh": logs,
+        "pairs": paired.pairs if paired else 0,
+        "pairs_lower": paired.lower if paired else 0,
+        "pairs_higher": paired.higher if paired else 0,
+        "paired_p": paired.p if paired else nan,
+        "paired_kind": paired.kind if paired else "",
     }
 
 
-def ranks(sample: Sample, generations: int) -> list[float]:
-    """Values for a rank test; a censored run ranks after the last generation."""
-    return [float(generations if v is None else v) for v in sample]
+def adjust(rows: DataFrame) -> DataFrame:
+    """The rows with p-values adjusted by Benjamini-Hochberg over each `family`, by kind of test."""
+
+    def adjusted(p: Series) -> Series:
+        p, tested = p.copy(), p.notna()
+        p[tested] = benjamini_hochberg([*p[tested]])
+        return p
+
+    families = rows.groupby("family")
+    return rows.assign(
+        family_size=families["p"].transform("size"),
+        p_bh=families["p"].transform(adjusted),
+        paired_p_bh=families["paired_p"].transform(adjusted),
+    )
 
 
-def _median(sample: Sample) -> float:
-    """The median; a censored run is infinite."""
-    return float(np.median([inf if v is None else v for v in sample]))
-
-
-def _two(name: str, first: object, second: object) -> dict[str, object]:
-    return {f"{name}_first": first, f"{name}_second": second}
-
-
-def adjust(rows: Sequence[Row], family: str = "") -> list[Row]:
-    """The rows with p-values adjusted by Benjamini-Hochberg over the family, by kind of test."""
-    adjusted = [{**row, "family": family, "family_size": len(rows)} for row in rows]
-    for p, q in (("p", "p_bh"), ("paired_p", "paired_p_bh"), ("log_rank_p", "log_rank_p_bh")):
-        tested = [row for row in adjusted if row[p] is not None]
-        for row, value in zip(tested, benjamini_hochberg([r[p] for r in tested]), strict=True):
-            row[q] = value
-    return [*adjusted]
-
-
-def finding(rows: Sequence[Row], key: str, arms: tuple[str, str]) -> Row:
-    """The row of a measure and a pair of arms. Raises StopIteration if there is none."""
-    return next(r for r in rows if r["measure"] == key and (r["first"], r["second"]) == arms)
+def finding(rows: DataFrame, key: str, arms: tuple[str, str]) -> Row:
+    """The row of a measure and a pair of arms, which must exist."""
+    found = rows[
+        (rows["measure"] == key) & (rows["first"] == arms[0]) & (rows["second"] == arms[1])
+    ]
+    return dict(found.iloc[0])
 
 
 def decisive(row: Row) -> tuple[float, float, str]:
@@ -264,13 +241,6 @@ def decisive(row: Row) -> tuple[float, float, str]:
     if row["pairs"]:
         return row["paired_p"], row["paired_p_bh"], f"signed-rank, {row['pairs']} pairs"
     return row["p"], row["p_bh"], "Mann-Whitney U"
-
-
-def least_p(row: Row) -> float:
-    """The smallest p that the deciding test can have with so many runs."""
-    if row["pairs"]:
-        return min(1.0, 2.0 / 2.0 ** int(row["pairs"]))
-    return smallest_difference(row["n_first"], row["n_second"]).least_p
 
 
 def verdict(row: Row, margin: float | None = None, *, planned: bool = False) -> str:
@@ -288,7 +258,8 @@ def verdict(row: Row, margin: float | None = None, *, planned: bool = False) -> 
         return f"{side}, shown" + (f", but {within}" if within else "")
     if within:
         return within
-    least = least_p(row)
+    pairs = row["pairs"]
+    least = min(1.0, 2 / 2.0**pairs) if pairs else least_p(row["n_first"], row["n_second"])
     return "not shown" if least < LEVEL else f"not shown: too few runs (least p {least:.2g})"
 
 
@@ -324,53 +295,44 @@ def effects(study: Comparison, measures: Sequence[Measure]) -> DataFrame:
     seeds = set.intersection(*({*shared_seeds(study.arms[0], arm)} for arm in study.arms))
     rows: list[dict[str, Any]] = []
     for measure in measures if len(levels) > 1 and len(seeds) > 1 else ():
-        values = {
-            arm.name: np.array(
-                ranks([measure.of(r) for r in arm.runs if r.seed in seeds], study.generations)
-            )
-            for arm in study.arms
-        }
-        for name, contrast in _contrasts(levels):
-            weights = {arm.name: contrast(arm.levels) for arm in study.arms}
-            above, below = (
-                sum(abs(w) * values[a] for a, w in weights.items() if w * sign > 0)
-                for sign in (1, -1)
-            )
-            test, difference = paired_test(above, below), paired_difference(above, below)
+        runs = study.runs[study.runs["seed"].isin(seeds)]
+        values = runs.pivot(index="seed", columns="arm", values=measure.key).fillna(study.horizon)
+        for name, change in _effects(study, levels, values):
+            low_to_high = paired_difference(change, np.zeros_like(change))
             rows.append(
                 {
                     "measure": measure.label,
                     "effect": name,
                     "seeds": len(seeds),
-                    "difference": difference.estimate,
-                    "difference_low": difference.low,
-                    "difference_high": difference.high,
-                    "p": test.p,
+                    "difference": low_to_high.estimate,
+                    "difference_low": low_to_high.low,
+                    "difference_high": low_to_high.high,
+                    "p": paired_test(change, np.zeros_like(change)).p,
                 }
             )
     frame = DataFrame(rows)
-    if rows:
-        frame["p_bh"] = benjamini_hochberg(list(frame["p"]))
-    return frame
+    return frame.assign(p_bh=benjamini_hochberg([*frame["p"]])) if rows else frame
 
 
-def _contrasts(levels: Mapping[str, tuple[str, ...]]) -> Iterator[tuple[str, Any]]:
-    """The name of each effect, and the weight of an arm in it by the arm's levels."""
-    arms = np.prod([len(values) for values in levels.values()])
-    share = {key: len(values) / arms for key, values in levels.items()}  # of an arm in a level
+def _effects(
+    study: Comparison, levels: Mapping[str, tuple[str, ...]], values: DataFrame
+) -> Iterator[tuple[str, Any]]:
+    """The name of each effect, and its number per seed; `values` has a column per arm."""
 
-    def of(key: str, level: str, at: Mapping[str, str]) -> int:
-        return (at.get(key, "") == level) - (at.get(key, "") == levels[key][0])
+    def mean(**at: str) -> Any:
+        arms = [a.name for a in study.arms if all(a.levels.get(k, "") == v for k, v in at.items())]
+        return values[arms].mean(axis=1).to_numpy()
 
-    main = [(key, level) for key, values in levels.items() for level in values[1:]]
+    main = [(key, level) for key, each in levels.items() for level in each[1:]]
     for key, level in main:
-        name = f"{short_key(key, levels)}: {level} minus {levels[key][0]}"
-        yield name, lambda at, k=key, v=level: share[k] * of(k, v, at)
+        first = levels[key][0]
+        name = f"{short_key(key, levels)}: {level} minus {first}"
+        yield name, mean(**{key: level}) - mean(**{key: first})
     for (a, x), (b, y) in combinations(main, 2):
         if a != b:
-            name = f"{short_key(a, levels)}={x} and {short_key(b, levels)}={y}, interaction"
-            both = share[a] * len(levels[b])
-            yield (
-                name,
-                lambda at, a=a, x=x, b=b, y=y, w=both: w * of(a, x, at) * of(b, y, at),
+            high, low = (
+                mean(**{a: x, b: level}) - mean(**{a: levels[a][0], b: level})
+                for level in (y, levels[b][0])
             )
+            name = f"{short_key(a, levels)}={x} and {short_key(b, levels)}={y}, interaction"
+            yield name, high - low

@@ -5,13 +5,11 @@ from __future__ import annotations
 import json
 from collections.abc import Iterable, Mapping
 from functools import cache
-from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
 from islandgp.bt.core.language import parse, to_text
-from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.domain import Domain
 from islandgp.errors import ConfigError, IslandError, RunError
 from islandgp.evaluation.base import Problem
@@ -21,14 +19,8 @@ from islandgp.text_files import read_text_file
 
 def domain_of(config: Mapping[str, Any]) -> Domain | None:
     """A run's domain; None if its class cannot be imported."""
-    keys = ("domain", "world", "rewards", "curriculum")
-    return _domain(json.dumps({key: config[key] for key in keys}))
-
-
-@cache
-def _domain(config: str) -> Domain | None:
     try:
-        return Problem.recorded(json.loads(config)).domain
+        return Problem.recorded(config).domain
     except RunError:
         return None
 
@@ -38,37 +30,39 @@ def library_names(config: Mapping[str, Any]) -> Mapping[str, str]:
 
     {} if the run had no folder, or if the folder no longer exists.
     """
-    settings, domain = _settings(config), domain_of(config)
-    if settings.folder is None or domain is None:
-        return {}
-    try:
-        folder = library_folder(settings.folder, domain)
-        return _names(folder, domain.schema.vocabulary)
-    except ConfigError:
-        return {}
+    keys = ("domain", "world", "rewards", "curriculum", "library")
+    return _names(json.dumps({key: config[key] for key in keys}))
 
 
 @cache
-def _names(folder: Path, vocabulary: Vocabulary) -> Mapping[str, str]:
+def _names(text: str) -> Mapping[str, str]:
+    config = json.loads(text)
+    settings, domain = _settings(config), domain_of(config)
+    if settings.folder is None or domain is None:
+        return {}
     names = {}
-    for file in sorted(folder.glob("*.bt")):
+    try:
+        files = sorted(library_folder(settings.folder, domain).glob("*.bt"))
+    except ConfigError:
+        return {}
+    for file in files:
         try:
-            tree = parse(read_text_file(file), vocabulary, name=str(file))
+            tree = parse(read_text_file(file), domain.schema.vocabulary, name=str(file))
             names[to_text(tree)] = file.stem
         except IslandError:  # no tree of the run, or changed since
             continue
     return names
 
 
-def trees_for_targets(config: Mapping[str, Any]) -> dict[str, str]:
-    """The canonical texts of the library's trees for targets, by name; {} as above."""
-    targets = _settings(config).trees
-    return _texts(config, dict.fromkeys(name for names in targets.values() for name in names))
-
-
 def reference_trees(config: Mapping[str, Any]) -> dict[str, str]:
     """Canonical texts of the library's reference trees, by name; without those not found."""
     return _texts(config, _settings(config).reference_trees)
+
+
+def library_trees(config: Mapping[str, Any]) -> dict[str, str]:
+    """The same for the reference trees, and then the trees for targets."""
+    targets = _settings(config).trees.values()
+    return reference_trees(config) | _texts(config, (name for names in targets for name in names))
 
 
 def _settings(config: Mapping[str, Any]) -> LibrarySettings:

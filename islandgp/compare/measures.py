@@ -1,20 +1,29 @@
-"""Measures of a run: the rows of Tables 9 to 12, first robots, and the costs of Table 14."""
+"""Measures of a run: the rows of Tables 9 to 12, first robots, and the costs of Table 14.
+
+`read_runs` makes two frames from the folders of runs, by the names of `records.values`: one of
+generations and one of runs. A measure is a column of the second.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import hashlib
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import accumulate
-from operator import attrgetter
-from statistics import fmean
-from typing import Final
+from typing import TYPE_CHECKING, Any, Final
 
-from islandgp.compare.runs import Run
+from islandgp.compare.arms import Arm, Run
+from islandgp.compare.library import library_names
+from islandgp.errors import RunError
 from islandgp.gp.population import Origin
-from islandgp.gp.record import IndividualRecord
+from islandgp.records.folder import RunFolder
+from islandgp.records.lines import dump
+from islandgp.records.values import generation_values, run_values
 from islandgp.scoring.classes import Classes
-from islandgp.scoring.generation_stats import GenerationStats
+from islandgp.scoring.constraints import recorded_constraints
 from islandgp.text import title
+
+if TYPE_CHECKING:
+    from pandas import DataFrame  # type: ignore[import-untyped] # its stubs are a package apart
 
 POINTS: Final = "points"
 
@@ -29,7 +38,6 @@ class Span:
     """
 
     key: str
-    label: str
     after: int  # of 40: the last generation before it
     last: int  # of 40: its last generation
 
@@ -43,176 +51,232 @@ def _round(x: float) -> int:
     return int(x + 0.5) if x >= 0 else -1
 
 
-SPANS: Final = (
-    Span("early", "Early", -1, 10),
-    Span("mid", "Mid", 10, 25),
-    Span("late", "Late", 25, 40),
-)
-
-Value = Callable[[GenerationStats], float]
-"""A number of a generation."""
+SPANS: Final = (Span("early", -1, 10), Span("mid", 10, 25), Span("late", 25, 40))
 
 
 @dataclass(frozen=True, slots=True)
 class Measure:
-    """A number per run."""
+    """A number per run: a column of the frame of runs."""
 
     key: str
     label: str
     unit: str
-    of: Callable[[Run], float | None]  # None: censored
-    emergence: bool = False  # True: a time to emergence, which may be censored
+    emergence: bool = False  # True: a time to emergence; nan is censored
     main: bool = True  # False: not in the families of tests, but adjusted separately
 
 
-def _by_span(key: str, label: str, unit: str, value: Value) -> tuple[Measure, ...]:
-    """Measures for the mean of a value over each part of training."""
-
-    def measure(span: Span) -> Measure:
-        def of(run: Run) -> float:
-            inside = [value(run.snapshots[g]) for g in span.generations(len(run.snapshots))]
-            return fmean(inside) if inside else float("nan")
-
-        return Measure(f"{key}_{span.key}", f"{span.label} {label}", unit, of)
-
-    return tuple(map(measure, SPANS))
+def _by_span(key: str, label: str, unit: str) -> list[Measure]:
+    """Measures for the mean of a figure over each part of training."""
+    return [Measure(f"{key}_{s.key}", f"{s.key.title()} {label}", unit) for s in SPANS]
 
 
-def _mean(key: str, label: str, unit: str, value: Value) -> Measure:
-    """A measure for the mean of a value over all generations."""
-    return Measure(key, label, unit, lambda run: fmean(map(value, run.snapshots)))
-
-
-best: Final[Value] = attrgetter("fitness_max")  # highest fitness
-diversity: Final[Value] = attrgetter("diversity")  # Eq. (3)
-overlapping: Final[Value] = attrgetter("overlapping")
-rate: Final[Value] = attrgetter("rate")
-
-MEAN_MAX: Final = _mean("mean_max", "Mean Max Fitness", POINTS, best)
+MEAN_MAX: Final = Measure("mean_fitness_max", "Mean Max Fitness", POINTS)
 FITNESS: Final = (
-    Measure("max_ever", "Max Fitness Ever", POINTS, lambda r: max(map(best, r.snapshots))),
-    Measure("final_max", "Final Max Fitness", POINTS, lambda r: r.snapshots[-1].fitness_max),
+    Measure("fitness_max", "Max Fitness Ever", POINTS),
+    Measure("final_fitness_max", "Final Max Fitness", POINTS),
     MEAN_MAX,
-    Measure("final_mean", "Final Average Fitness", POINTS, lambda r: r.snapshots[-1].fitness_mean),
-    *_by_span("stage", "max fitness", POINTS, best),
+    Measure("final_fitness_mean", "Final Average Fitness", POINTS),
+    *_by_span("fitness_max", "max fitness", POINTS),
 )
 """Tables 9 and 10; each in points of the run's own rewards and curriculum."""
 
 DIVERSITY: Final = (
-    *_by_span("diversity", "diversity", "Eq. (3)", diversity),
-    _mean("diversity_overall", "Overall diversity", "Eq. (3)", diversity),
-    _mean("mutation_rate", "Mean mutation rate", "rate", rate),
-    _mean(
-        "diversity_overlapping", "Diversity over behaviours that overlap", "Eq. (3)", overlapping
-    ),
+    *_by_span("diversity", "diversity", "Eq. (3)"),
+    Measure("mean_diversity", "Overall diversity", "Eq. (3)"),
+    Measure("mean_rate", "Mean mutation rate", "rate"),
+    Measure("mean_overlapping", "Diversity over behaviours that overlap", "Eq. (3)"),
 )
 """Table 12; the paper compares these without a test."""
 
-
-def first(run: Run, tier: str) -> int | None:
-    """The first generation, from 0, with an individual of a tier; None: never."""
-    return next((s.generation for s in run.snapshots if s.tiers[tier]), None)
+FIRST: Final = "first"
+DESCENDANT: Final = "first_descendant"
 
 
 def emergence(tier: str, agent: str = "Robot") -> Measure:
     """A row of Table 11: the generation of a tier's first robot."""
-    label = f"First {title(tier)} {agent}"
-    return Measure(f"first_{tier}", label, "generation", lambda r: first(r, tier), emergence=True)
+    return Measure(f"{FIRST}.{tier}", f"First {title(tier)} {agent}", "generation", emergence=True)
 
 
 def descendant(tier: str, agent: str = "Robot") -> Measure:
     """The generation of a tier's first robot that is not an advised tree."""
-    return Measure(
-        f"first_{tier}_descendant",
-        f"First {title(tier)} {agent}, advised trees not counted",
-        "generation",
-        lambda run: first_descendant(run, tier),
-        emergence=True,
-        main=False,
-    )
+    label = f"First {title(tier)} {agent}, advised trees not counted"
+    return Measure(f"{DESCENDANT}.{tier}", label, "generation", emergence=True, main=False)
 
 
 def training_measures(classes: Classes) -> tuple[Measure, ...]:
     """The measures that a run's records have."""
-    tiers, agent = classes.milestones, classes.agent
-    firsts = (emergence(tier, agent) for tier in tiers)
-    return (*FITNESS, *firsts, *DIVERSITY, *(descendant(tier, agent) for tier in tiers))
+    firsts = [emergence(tier, classes.agent) for tier in classes.milestones]
+    others = [descendant(tier, classes.agent) for tier in classes.milestones]
+    return (*FITNESS, *firsts, *DIVERSITY, *others)
 
 
-def first_descendant(run: Run, tier: str) -> int | None:
-    """The first generation with an individual of a tier that is not an advised tree; None: never.
+COSTS: Final = {
+    "episodes": "Episodes, with those of the supervisor",
+    "cost.simulated": "Episodes simulated, not cached",
+    "decisions": "Decisions of the supervisor",
+    "injected": "Trees injected",
+    "cost.supervision": "Supervision (s)",
+    "cost.evaluation": "Simulation (s)",
+    "cost.operators": "Genetic operators (s)",
+    "llm.requests": "Requests to a language model",
+    "llm.latency_s": "Response times of a language model (s)",
+    "llm.input_tokens": "Input tokens",
+    "llm.output_tokens": "Output tokens",
+    "llm.fallback_rates": "Rates of the fallback",
+    "llm.fallback_trees": "Trees of the fallback",
+    "llm.cost_usd": "Cost (US dollars; unknown prices left out)",
+}
+"""Costs of supervision in one run (Table 14): labels by column; those of a model are its last."""
+
+
+def read_runs(arms: Sequence[Arm]) -> tuple[DataFrame, DataFrame]:
+    """The frames of all runs of some arms.
+
+    Returns:
+        A row per generation, with its figures, `run` (the path), `arm`, `seed`, `until` (episodes
+        so far), `population` (a digest of its individuals) and `first_descendant.TIER` (whether an
+        individual of the tier is no advised tree); and a row per run, with its figures, `tree`,
+        `worlds` (seeds of all that it used) and `origin` (of its best robot).
+
+    Raises:
+        RunError: a run is damaged.
+    """
+    from pandas import DataFrame
+
+    generations, runs = [], []
+    for arm in arms:
+        for run in arm.runs:
+            identity = {"arm": arm.name, "run": str(run.path), "seed": run.seed}
+            rows, values = _read(run)
+            generations += [{**identity, **row} for row in rows]
+            runs.append({**identity, **arm.levels, **values})
+    frame = DataFrame(generations)
+    frame["until"] = frame.groupby("run")["episodes"].cumsum()
+    return frame, DataFrame(runs).set_index("run")
+
+
+def _read(run: Run) -> tuple[list[dict[str, Any]], dict[str, Any]]:
+    folder = RunFolder(run.path)
+    summary, constraints = folder.summary(), recorded_constraints(run.config)
+    planned = int(run.flat["gp.population"]) * int(run.flat["gp.episodes"])
+    lineage, rows, worlds = Ancestry(run.config), list[dict[str, Any]](), set[int]()
+    records, costs = list(folder.records()), list(folder.costs())
+    if not records or len(costs) != len(records):
+        raise RunError(
+            f"Expected as many costs as generations in {run.path}, found {len(costs)} and"
+            f" {len(records)}; run it again."
+        )
+    for record, cost in zip(records, costs, strict=True):
+        worlds.update(record["worlds"])
+        row = generation_values(record, cost, constraints)
+        row["episodes"] = cost["episodes"] or planned
+        row["population"] = hashlib.sha256(dump(record["individuals"]).encode()).hexdigest()
+        rows.append({**row, **lineage.add(record)})
+    champion = summary["champion"]
+    worlds.update(champion["chosen_in"], (champion["validation"] or {}).get("worlds", ()))
+    values = {
+        **run_values(summary),
+        "supervisor": str(run.config["supervisor"]["name"]),
+        "name": str(run.config["name"]),
+        "tree": champion["tree"],
+        "origin": lineage.origin_of_best(champion),
+        "worlds": worlds,
+        **{f"components.{name}": v for name, v in champion["record"]["components"].items()},
+    }
+    return rows, values
+
+
+def measured(generations: DataFrame, classes: Classes) -> DataFrame:
+    """The values of the measures and costs of each run, all of which have equal generations."""
+    from pandas import DataFrame
+
+    runs = generations.groupby("run", sort=False)
+    last, n = runs.tail(1).set_index("run"), generations["generation"].max() + 1
+    values = {
+        "fitness_max": runs["fitness_max"].max(),
+        "final_fitness_max": last["fitness_max"],
+        "final_fitness_mean": last["fitness_mean"],
+        **{
+            f"mean_{name}": runs[name].mean()
+            for name in ("fitness_max", "diversity", "rate", "overlapping")
+        },
+    }
+    for span in SPANS:
+        part = generations[generations["generation"].isin(span.generations(n))].groupby("run")
+        values |= {f"{name}_{span.key}": part[name].mean() for name in ("fitness_max", "diversity")}
+    for tier in classes.milestones:
+        for key, column in ((FIRST, f"tiers.{tier}"), (DESCENDANT, f"{DESCENDANT}.{tier}")):
+            reached = generations[generations[column] > 0].groupby("run")
+            values[f"{key}.{tier}"] = reached["generation"].min()
+    values["decisions"] = runs["source"].count()
+    for name in COSTS.keys() & {*generations.columns}:
+        values[name] = last[name] if name.startswith("llm.") else runs[name].sum()
+    return DataFrame(values)
+
+
+class Ancestry:
+    """Follows the individuals of a run, for what comes from advised trees.
 
     An advised tree is one that a supervisor injected or edited, and that has not changed since.
     """
-    by_id = {i.id: i for record in run.records for i in record.individuals}
-    for generation, record in enumerate(run.records):
-        sources = (original(i, by_id) for i in record.individuals if tier in i.tiers)
-        if not all(advised(i) for i in sources):
-            return generation
-    return None
 
+    def __init__(self, config: Mapping[str, Any]) -> None:
+        self._config = config
+        self._by_id: dict[str, Mapping[str, Any]] = {}
+        self._heirs: set[str] = set()  # injected and edited individuals and their descendants
+        self._guidance: list[Mapping[str, Any] | None] = []  # by generation
 
-def advised(i: IndividualRecord) -> bool:
-    """True for a tree that a supervisor injected or edited, and that was not mutated."""
-    if i.origin == Origin.EDITED:
-        return "+" not in i.mutation  # "edit:KIND+OPERATOR" if it was
-    return i.origin == Origin.INJECTED and not i.mutation
-
-
-def original(i: IndividualRecord, by_id: Mapping[str, IndividualRecord]) -> IndividualRecord:
-    """The individual of which one is an unchanged copy; or itself."""
-    while len(i.parents) == 1 and not i.mutation and i.parents[0] in by_id:
-        parent = by_id[i.parents[0]]
-        if parent.tree != i.tree:
-            break
-        i = parent
-    return i
-
-
-def with_advised_ancestor(run: Run) -> set[str]:
-    """Ids of the injected and edited individuals, and of their descendants."""
-    heirs: set[str] = set()
-    for record in run.records:
-        heirs |= {
-            i.id
-            for i in record.individuals
-            if i.origin in (Origin.INJECTED, Origin.EDITED) or not heirs.isdisjoint(i.parents)
+    def add(self, record: Mapping[str, Any]) -> dict[str, bool]:
+        """Add a generation; returns by tier whether it has an individual that is not advised."""
+        individuals = record["individuals"]
+        self._guidance.append(record["guidance"])
+        self._by_id |= {i["id"]: i for i in individuals}
+        self._heirs |= {
+            i["id"]
+            for i in individuals
+            if i["origin"] in (Origin.INJECTED, Origin.EDITED)
+            or not self._heirs.isdisjoint(i["parents"])
         }
-    return heirs
+        bred = {tier for i in individuals for tier in i["tiers"] if not advised(self._source(i))}
+        return {f"{DESCENDANT}.{tier}": tier in bred for tier in record["snapshot"]["tiers"]}
+
+    def _source(self, i: Mapping[str, Any]) -> Mapping[str, Any]:
+        """The individual of which one is an unchanged copy; or itself."""
+        while len(i["parents"]) == 1 and not i["mutation"]:
+            parent = self._by_id.get(i["parents"][0])
+            if parent is None or parent["tree"] != i["tree"]:
+                break
+            i = parent
+        return i
+
+    def origin_of_best(self, champion: Mapping[str, Any]) -> str:
+        """The source of a run's best robot; an unchanged copy has that of the original.
+
+        An injected tree has the name of its library file, or that of the supervisor that wrote it.
+        """
+        record = champion["record"]
+        i = self._source(self._by_id.get(record["id"], record))
+        if i["origin"] == Origin.INJECTED and advised(i):
+            generation = int(i["id"].partition(".")[0])
+            guidance = (self._guidance[generation - 1] if generation else None) or {}
+            tree = guidance.get("tree") or i["tree"]
+            writer = guidance["source"] if guidance.get("tree") else "no supervisor"
+            return f"injected, unchanged: {library_names(self._config).get(tree, writer)}"
+        if i["origin"] == Origin.EDITED and advised(i):
+            return "edited by the supervisor"
+        if i["id"] in self._heirs:
+            return "bred, with an advised ancestor"
+        return "a random tree" if i["origin"] == Origin.RANDOM and not i["mutation"] else "bred"
 
 
-def episodes_until(run: Run) -> Sequence[int]:
-    """Cumulative episodes of a run after each generation, including those from the cache."""
-    planned = int(run.flat["gp.population"]) * int(run.flat["gp.episodes"])
-    return tuple(accumulate(cost.episodes or planned for cost in run.costs))
+def advised(i: Mapping[str, Any]) -> bool:
+    """True for a tree that a supervisor injected or edited, and that was not mutated."""
+    if i["origin"] == Origin.EDITED:
+        return "+" not in i["mutation"]  # "edit:KIND+OPERATOR" if it was
+    return bool(i["origin"] == Origin.INJECTED and not i["mutation"])
 
 
-def episode_cost(run: Run) -> int:
-    """Episodes of a run's generations and of its supervisor."""
-    return episodes_until(run)[-1]
-
-
-def _of_model(*keys: str) -> Callable[[Run], float]:
-    """A sum of `supervision.llm.budget` over the run; 0 without a language model."""
-    return lambda run: sum(run.costs[-1].llm.get(key, 0) for key in keys)
-
-
-OVERHEAD: Final[dict[str, tuple[str, Callable[[Run], float | None]]]] = {
-    "episodes": ("Episodes, with those of the supervisor", episode_cost),
-    "simulated": ("Episodes simulated, not cached", lambda r: sum(c.simulated for c in r.costs)),
-    "decisions": ("Decisions of the supervisor", lambda r: len(r.guidance)),
-    "injected": ("Trees injected", lambda r: sum(g.injected for g in r.guidance)),
-    "seconds": ("Supervision (s)", lambda r: sum(c.supervision for c in r.costs)),
-    "simulation": ("Simulation (s)", lambda r: sum(c.evaluation for c in r.costs)),
-    "operators": ("Genetic operators (s)", lambda r: sum(c.operators for c in r.costs)),
-    "requests": ("Requests to a language model", _of_model("requests")),
-    "latency": ("Response times of a language model (s)", _of_model("latency_s")),
-    "input_tokens": ("Input tokens", _of_model("input_tokens")),
-    "output_tokens": ("Output tokens", _of_model("output_tokens")),
-    "fallbacks": ("Fallbacks", _of_model("fallback_rates", "fallback_trees")),
-    "dollars": (
-        "Cost (US dollars; unknown prices left out)",
-        lambda r: r.costs[-1].llm.get("cost_usd") if r.costs[-1].llm else 0.0,
-    ),
-}
-"""Costs of supervision in one run (Table 14): label and value, by column of runs.csv."""
+def identical(first: DataFrame, second: DataFrame) -> Iterator[int]:
+    """The seeds whose runs have the same populations in two arms' generations."""
+    a, b = (dict(iter(f.groupby("seed")["population"].agg(tuple).items())) for f in (first, second))
+    return (seed for seed in sorted(a) if a[seed] == b.get(seed))

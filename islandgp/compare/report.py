@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import re
 from base64 import b64encode
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import asdict, dataclass, replace
+from collections.abc import Callable
+from dataclasses import dataclass, field, replace
 from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from islandgp.compare import figures, tables
-from islandgp.compare.arms import arms_of_sweep, in_short, named, select_arms
+from islandgp.compare.arms import arms_of_sweep, find, in_short, select_arms
 from islandgp.compare.champions import (
     Make,
-    TreeResult,
     champion_keys,
-    champion_measures,
     evaluate_champions,
     library_trees,
+    with_champions,
 )
 from islandgp.compare.comparable import Comparison, compare_arms, shared_seeds
-from islandgp.compare.figures import Picture
 from islandgp.compare.findings import (
     DEFAULT_PLAN,
     FIRST,
@@ -37,16 +35,13 @@ from islandgp.compare.findings import (
     parse_plan,
     verdict,
 )
-from islandgp.compare.measures import MEAN_MAX, OVERHEAD, POINTS, Measure, training_measures
-from islandgp.compare.runs import find
-from islandgp.compare.table import Table, note, number, probability
+from islandgp.compare.measures import COSTS, MEAN_MAX, POINTS, Measure, training_measures
+from islandgp.compare.table import number, probability
 from islandgp.records.parameters import short_key
-from islandgp.statistics import UNTESTED, smallest_difference
+from islandgp.statistics import UNTESTED, least_p, smallest_difference
 
 if TYPE_CHECKING:
     from pandas import DataFrame  # type: ignore[import-untyped] # its stubs are a package apart
-
-Item = Table | Picture | str  # a string is a paragraph
 
 LINES: Final = 3  # results in the terminal
 FEW: Final = 4  # most arms, doubts and notes there
@@ -68,24 +63,18 @@ class CompareOptions:
     workers: int = 0  # processes; 0: one per core
 
 
-@dataclass(frozen=True, slots=True)
-class Section:
-    """A section of the page: a heading with its items."""
-
-    title: str
-    items: tuple[Item, ...]
-
-
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, slots=True, eq=False)
 class Report:
     """The content of a comparison's report."""
 
     study: Comparison
     plan: AnalysisPlan
     measures: tuple[Measure, ...]
-    rows: tuple[Row, ...]  # of tests.csv
-    tested: tuple[TreeResult, ...]  # best robots and library trees in unseen worlds
-    sections: tuple[Section, ...]
+    rows: DataFrame  # of tests.csv
+    champions: DataFrame | None  # best robots and library trees in unseen worlds
+    worlds: int  # number of these
+    tables: dict[str, DataFrame] = field(default_factory=dict)  # of texts, by key
+    figures: dict[str, str] = field(default_factory=dict)  # SVG by key
 
     @property
     def endpoint(self) -> Measure:
@@ -94,7 +83,7 @@ class Report:
         points = [m.key for m in self.measures if m.unit == POINTS]
         unseen = [key for key in keys if key.startswith("unseen")]
         usual = [*unseen, *([MEAN_MAX.key] if MEAN_MAX.key in keys else points)]
-        return self.measures[keys.index(self.plan.primary or [*usual, "diversity_overall"][0])]
+        return self.measures[keys.index(self.plan.primary or [*usual, "mean_diversity"][0])]
 
     @property
     def question(self) -> str:
@@ -105,6 +94,12 @@ class Report:
         names = " and ".join(short_key(key, keys).removesuffix(".name") for key in keys)
         return f"Do {names} matter?" if len(keys) > 1 else f"Does {names} matter?"
 
+    @property
+    def same_start(self) -> bool:
+        """True if all arms ran on the same seeds from the same start."""
+        return all(shared_seeds(a, b) == a.seeds == b.seeds for a, b in self.study.pairs)
+
+    @property
     def results(self) -> list[str]:
         """Sentences: the endpoint for each pair of arms, then more of the first pair."""
         pairs = [(a.name, b.name) for a, b in self.study.pairs]
@@ -129,14 +124,13 @@ class Report:
 
     def screen(self, folder: Path) -> str:
         """One screen for the terminal."""
-        study = self.study
+        study, results = self.study, self.results
         runs = [
             f"{arm.name} ({len(arm.runs)} runs, seeds {in_short(sorted(set(arm.seeds)))})"
             for arm in study.arms
         ]
         arms = "; ".join(runs[:FEW]) + f"; {len(runs) - FEW} more" * (len(runs) > FEW)
         planned = "planned" if self.plan.primary else "not planned: --primary MEASURE states it"
-        results = self.results()
         doubts = [f"Not comparable: {doubt}" for doubt in study.comparability_warnings]
         lines = [
             *doubts[:FEW],
@@ -157,26 +151,44 @@ class Report:
         return "\n".join([*lines, *notes[:FEW], f"Report: {folder / 'index.html'}"])
 
     @property
-    def files(self) -> dict[str, DataFrame]:
-        """The CSV files, by name."""
-        from pandas import DataFrame
-
-        shown = [i for s in self.sections for i in s.items if isinstance(i, Table)]
-        frames = {f"tables/{_file_name(table.key)}.csv": table.frame for table in shown}
-        champions = ({**asdict(t), "mean": t.mean, "worst": min(t.points)} for t in self.tested)
+    def families(self) -> dict[str, str]:
+        """The pairs of arms of each family, as text."""
         return {
-            "runs.csv": runs_frame(self.study, self.measures),
-            "tests.csv": DataFrame(list(self.rows)),
-            **({"champions.csv": _flat(champions)} if self.tested else {}),
-            **frames,
+            name: ", ".join(f"{a.name} and {b.name}" for a, b in pairs)
+            for name, pairs in families(self.study, self.plan).items()
         }
 
+    @property
+    def power(self) -> list[dict[str, Any]]:
+        """What the rank test can show, by the numbers of runs of two arms."""
+        sizes = sorted({(len(a.runs), len(b.runs)) for a, b in self.study.pairs})
+        return [
+            {"runs": n, "shift": shift and number(shift, 2), "least": probability(least_p(*n))}
+            for n in sizes
+            for shift in [smallest_difference(*n)]
+        ]
 
-def _flat(rows: Iterable[dict[str, object]]) -> DataFrame:
-    """Rows with nested values in columns of their own; without the single worlds."""
-    from pandas import json_normalize
-
-    return json_normalize(list(rows)).drop(columns=["points", "perturbed", "own"])
+    @property
+    def files(self) -> dict[str, str]:
+        """The contents of the files, by name."""
+        columns = ["arm", "seed", "task", "supervisor", "name", *factors(self.study)]
+        columns += [*(m.key for m in self.measures), *COSTS, "validation_mean"]
+        runs = self.study.runs
+        frames = {
+            "runs.csv": runs[[name for name in dict.fromkeys(columns) if name in runs]],
+            "tests.csv": self.rows,
+            **(
+                {}
+                if self.champions is None
+                else {"champions.csv": self.champions.drop(columns=["tree", "own"])}
+            ),
+            **{f"tables/{_file_name(key)}.csv": table for key, table in self.tables.items()},
+        }
+        return {
+            "index.html": to_page(self),
+            **{name: frame.to_csv(index=False) for name, frame in frames.items()},
+            **{f"figures/{key}.svg": svg for key, svg in self.figures.items()},
+        }
 
 
 def _file_name(key: str) -> str:
@@ -188,11 +200,10 @@ def select_study(options: CompareOptions) -> tuple[Comparison, AnalysisPlan, Pat
 
     Raises:
         StudyError: there are no such arms, they are not comparable, or the plan does not fit them.
+        RunError: a run is damaged.
     """
     plan = parse_plan(options.families, options.primary, options.margins)
-    entries = (run for folder in options.runs for run in find(folder))
-    runs = list({run.path.resolve(): run for run in entries}.values())
-    runs = runs if options.name is None else named(options.name, runs)
+    runs = find(options.runs, options.name)
     arms, notes = select_arms(options.arms, runs) if options.arms else arms_of_sweep(runs)
     study = compare_arms(arms, force=options.force, notes=notes, sources=[*map(str, options.runs)])
     later = champion_keys(study) if options.worlds else ()
@@ -201,12 +212,10 @@ def select_study(options: CompareOptions) -> tuple[Comparison, AnalysisPlan, Pat
     return study, plan, options.out or Path("study") / _file_name(name)
 
 
-def study_measures(study: Comparison, tested: Sequence[TreeResult] = ()) -> tuple[Measure, ...]:
-    """The measures that are comparable: no points of training if the arms' tasks differ."""
-    training = training_measures(study.classes)
-    if not study.same_training:
-        training = tuple(m for m in training if m.unit != POINTS)
-    return (*training, *champion_measures(study, tested))
+def study_measures(study: Comparison) -> tuple[Measure, ...]:
+    """The measures of training that are comparable: no points if the arms' tasks differ."""
+    measures = training_measures(study.classes)
+    return tuple(m for m in measures if study.same_training or m.unit != POINTS)
 
 
 def build(
@@ -228,119 +237,56 @@ def build(
         StudyError: the domain cannot be imported, or the plan has another arm or measure.
         EvaluationError: an episode cannot be run.
     """
-    tested: tuple[TreeResult, ...] = ()
+    tested, measures = None, study_measures(study)
     if worlds and make is not None:
         trees = library_trees(study)
         tested = evaluate_champions(study, make, worlds=worlds, trees=trees)
-    measures = study_measures(study, tested)
+        runs, further = with_champions(study, tested)
+        study, measures = replace(study, runs=runs), (*measures, *further)
     check_plan(plan, study, [m.key for m in measures])
     requested = {plan.primary, *plan.margins}
-    examined = tuple(m for m in measures if m.main or m.key in requested)
-    rows = tuple(examine_all(study, plan, examined))
-    report = Report(study, plan, measures, rows, tested, ())
-    sections = (Section(heading, tuple(items(report))) for heading, items in _SECTIONS.items())
-    return replace(report, sections=tuple(section for section in sections if section.items))
+    rows = examine_all(study, plan, [m for m in measures if m.main or m.key in requested])
+    report = Report(study, plan, measures, rows, tested, worlds)
+    report.tables.update(_tables(report))
+    report.figures["curves"] = figures.curves(study)
+    if study.classes.milestones:
+        report.figures["first-robots"] = figures.first_robots(study)
+    if tested is not None:
+        report.figures["best-robots"] = figures.best_robots(study, tested)
+    return report
 
 
-def _result(report: Report) -> Iterator[Item]:
-    yield from report.results()
-    if not report.study.same_training:
-        yield note("own-fitness")
-    if report.tested:
-        yield tables.unseen_table(report.study, report.tested)
-
-
-def _training(report: Report) -> Iterator[Item]:
-    study = report.study
-    yield figures.curves(study)
-    yield tables.arms_table(study)
-    if all(shared_seeds(a, b) == a.seeds == b.seeds for a, b in study.pairs):
-        yield note("same-start")
-    yield from study.notes
-    yield f"Runs were read from {', '.join(study.sources)}."
-
-
-def _factors(report: Report) -> Iterator[Item]:
+def _tables(report: Report) -> dict[str, DataFrame]:
+    study, plan, rows = report.study, report.plan, report.rows
+    makers: dict[str, Callable[[Comparison], DataFrame]] = {
+        "arms": tables.arms_table,
+        "components": tables.components_table,
+        "origins": tables.origins_table,
+        "behaviours": tables.behaviours_table,
+        "decisions": tables.decisions_table,
+        "costs": tables.costs_table,
+    }
+    found = {key: make(study) for key, make in makers.items()}
+    for a, b in study.pairs:
+        of_pair = rows[(rows["first"] == a.name) & (rows["second"] == b.name)]
+        planned = plan.primary if (a.name, b.name) == study.names[:2] else None
+        table = tables.differences_table(of_pair, plan.margins, planned or "")
+        found[f"differences {a.name} {b.name}"] = table
+    if report.champions is not None:
+        found["unseen"] = tables.unseen_table(study, report.champions)
     chosen = [m for m in report.measures if m.main and (m.emergence or m.unit == POINTS)]
-    frame = effects(report.study, [report.endpoint, *(m for m in chosen if m != report.endpoint)])
-    if len(frame):
-        yield tables.effects_table(frame)
-
-
-def _differences(report: Report) -> Iterator[Item]:
-    for a, b in ((a.name, b.name) for a, b in report.study.pairs):
-        rows = [row for row in report.rows if (row["first"], row["second"]) == (a, b)]
-        planned = report.plan.primary if (a, b) == report.study.names[:2] else None
-        yield tables.differences_table(rows, report.plan.margins, planned or "")
-    if report.study.classes.milestones:
-        yield figures.first_robots(report.study)
-
-
-def _unseen(report: Report) -> Iterator[Item]:
-    if report.tested:
-        yield figures.best_robots(report.study, report.tested)
-    yield tables.components_table(report.study)
-    yield tables.origins_table(report.study)
-
-
-def _behaviour(report: Report) -> Iterator[Item]:
-    yield tables.behaviours_table(report.study)
-    yield tables.decisions_table(report.study)
-    yield tables.costs_table(report.study)
-
-
-def _methods(report: Report) -> Iterator[Item]:
-    yield note("methods")
-    for name, pairs in families(report.study, report.plan).items():
-        yield note("family", name=name, pairs=", ".join(f"{a.name} and {b.name}" for a, b in pairs))
-    for n in sorted({(len(a.runs), len(b.runs)) for a, b in report.study.pairs}):
-        power = smallest_difference(*n)
-        least = probability(power.least_p)
-        yield note("power", a=n[0], b=n[1], shift=number(power.shift, 2), least=least)
-
-
-_SECTIONS: Final[dict[str, Callable[[Report], Iterator[Item]]]] = {
-    "Result": _result,
-    "Best robots": _unseen,
-    "Factors": _factors,
-    "Differences (Tables 9 to 12)": _differences,
-    "Training": _training,
-    "Behaviours, decisions and costs": _behaviour,
-    "How the statistics are done": _methods,
-}
-
-
-def runs_frame(study: Comparison, measures: Sequence[Measure]) -> DataFrame:
-    """A row per run: its arm, factors, measures and costs; nan without emergence or validation."""
-    from pandas import DataFrame
-
-    return DataFrame(
-        {
-            "arm": arm.name,
-            "seed": run.seed,
-            "supervisor": run.supervisor,
-            "name": str(run.config["name"]),
-            **arm.levels,
-            "task": study.task(arm.name).label,
-            **{measure.key: measure.of(run) for measure in measures},
-            **{key: of(run) for key, (_, of) in OVERHEAD.items()},
-            "validation_mean": run.validation_mean,  # under its task
-        }
-        for arm, run in study.runs
-    )
+    endpoint = report.endpoint
+    changes = effects(study, [endpoint, *(m for m in chosen if m != endpoint)])
+    return found | ({"effects": tables.effects_table(changes)} if len(changes) else {})
 
 
 def write(report: Report, folder: Path) -> list[Path]:
     """Writes the report's files, and keeps other files in the folder. Returns the written paths."""
-    files = {"index.html": to_page(report)}
-    files |= {name: frame.to_csv(index=False) for name, frame in report.files.items()}
-    for name, content in files.items():
-        path = folder / name
+    paths = {folder / name: content for name, content in report.files.items()}
+    for path, content in paths.items():
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(content, encoding="utf-8")
-    pictures = [i for s in report.sections for i in s.items if isinstance(i, Picture)]
-    drawn = [path for picture in pictures for path in picture.save(folder / "figures")]
-    return [*(folder / name for name in files), *drawn]
+    return [*paths]
 
 
 def to_page(report: Report) -> str:
@@ -355,9 +301,9 @@ def to_page(report: Report) -> str:
     )
     environment.filters["unbroken"] = _unbroken
     environment.filters["base64"] = lambda text: b64encode(text.encode()).decode()
-    return environment.get_template("page.html").render(report=report)
+    return environment.get_template("page.html").render(report=report, study=report.study)
 
 
-def _unbroken(text: str) -> str:
+def _unbroken(text: object) -> str:
     """A cell in which numbers are not broken at line ends."""
-    return re.sub(r" (±|%|:) ?", lambda m: m[0].replace(" ", "\N{NO-BREAK SPACE}"), text)
+    return re.sub(r" (±|%|:) ?", lambda m: m[0].replace(" ", "\N{NO-BREAK SPACE}"), str(text))

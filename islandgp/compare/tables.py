@@ -1,96 +1,83 @@
-"""The tables of a report."""
+"""The tables of a report: frames of texts."""
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial
-from math import isnan
-from statistics import fmean
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from math import isnan, nan
+from typing import TYPE_CHECKING
 
 from islandgp.compare.arms import Arm, in_short
-from islandgp.compare.champions import TreeResult
 from islandgp.compare.comparable import Comparison
 from islandgp.compare.findings import Row, decisive, verdict
-from islandgp.compare.library import library_names
-from islandgp.compare.measures import OVERHEAD, advised, original, with_advised_ancestor
-from islandgp.compare.runs import Run
+from islandgp.compare.measures import COSTS
 from islandgp.compare.table import (
     DIGITS,
     NONE,
-    Table,
-    change,
     interval,
-    note,
     number,
     percent,
     probability,
     spread,
 )
-from islandgp.gp.population import Origin
-from islandgp.scoring.constraints import in_words
+from islandgp.scoring.constraints import in_words, recorded_constraints
 from islandgp.statistics import UNTESTED, Interval, mean_interval
-from islandgp.supervision.decisions import decisions
 from islandgp.text import title
 
 if TYPE_CHECKING:
     from pandas import DataFrame  # type: ignore[import-untyped] # its stubs are a package apart
 
 
-def arms_table(study: Comparison) -> Table:
+def arms_table(study: Comparison) -> DataFrame:
     """Runs, seeds, settings and validation of each arm."""
-    notes = [note("own-validation")] if len(study.tasks) > 1 else []
-    return Table.of("arms", "Arms", (_arm(study, arm) for arm in study.arms), *notes)
+    from pandas import DataFrame
+
+    return DataFrame([_arm(study, arm) for arm in study.arms]).dropna(axis="columns")
 
 
-def _arm(study: Comparison, arm: Arm) -> Mapping[str, str]:
-    means = [run.validation_mean for run in arm.runs if run.validation_mean is not None]
-    shares = [run.feasible for run in arm.runs if run.feasible is not None]
-    several = len(study.tasks) > 1
-    row = {
+def _arm(study: Comparison, arm: Arm) -> Mapping[str, str | None]:
+    runs = study.of_arm(arm.name)
+    limits = {in_words(recorded_constraints(run.config)) or "none" for run in arm.runs}
+    own = len(study.tasks) > 1 and runs["validation_mean"].notna().any()
+    kept = "constraints.feasible" in study.runs
+    return {
         "Arm": arm.name,
         "selection": arm.selection,
         "runs": str(len(arm.runs)),
         "seeds": in_short(sorted(set(arm.seeds))),
-        "supervisor": ", ".join(sorted({run.supervisor for run in arm.runs})),
-        "generations": str(arm.generations),
-        "population": ", ".join(sorted({str(r.flat.get("gp.population")) for r in arm.runs})),
-        "validation mean (points)": spread(means) + " (own task)" * (several and bool(means)),
+        "supervisor": ", ".join(sorted(set(runs["supervisor"]))),
+        "generations": in_short(sorted(set(runs["generations"]))),
+        "population": ", ".join(sorted({str(run.flat["gp.population"]) for run in arm.runs})),
+        "validation mean (points)": spread(runs["validation_mean"]) + " (own task)" * bool(own),
+        "constraints": "; ".join(sorted(limits)) if kept else None,
+        "kept in validation worlds": (
+            percent(runs["constraints.feasible"].mean()) if kept else None
+        ),
     }
-    if any(run.constraints for _, run in study.runs):
-        row["constraints"] = "; ".join(
-            sorted({in_words(r.constraints) or "none" for r in arm.runs})
-        )
-        row["kept in validation worlds"] = percent(fmean(shares)) if shares else NONE
-    return row
 
 
-def differences_table(rows: Sequence[Row], margins: Mapping[str, float], primary: str) -> Table:
+def differences_table(rows: DataFrame, margins: Mapping[str, float], primary: str) -> DataFrame:
     """The comparisons of a pair of arms: one estimand per row."""
-    a, b = rows[0]["first"], rows[0]["second"]
-    sizes = {row["family"]: row["family_size"] for row in rows}
-    families = "; ".join(f"'{name}', {size} comparisons" for name, size in sizes.items())
-    cells = (_difference(row, margins.get(row["measure"]), primary) for row in rows)
-    notes = note("reading"), f"p BH: over the family {families}."
-    return Table.of(f"differences {a} {b}", f"{a} minus {b}", cells, *notes)
+    from pandas import DataFrame
+
+    records = rows.to_dict("records")
+    return DataFrame([_difference(row, margins.get(row["measure"]), primary) for row in records])
 
 
 def estimate(row: Row) -> str:
     """The difference with its interval; a dash if it is unknown."""
-    if isnan(row["difference"]):
-        return NONE
-    if row["paired_kind"] == UNTESTED:
+    if row["paired_kind"] == UNTESTED and not isnan(row["difference"]):
         return "0, equal in every pair"
     ends = Interval(*(row[f"difference{end}"] for end in ("", "_low", "_high")))
     return interval(ends, DIGITS[row["unit"]], "+")
 
 
 def _difference(row: Row, margin: float | None, primary: str) -> Mapping[str, str]:
-    digits = DIGITS[row["unit"]]
+    digits, planned = DIGITS[row["unit"]], row["measure"] == primary
     p, q, test = decisive(row)
-    share = change(row["mean_first"], row["mean_second"], row["sd_second"])
-    cells = {"Measure": row["label"] + (" (primary)" if row["measure"] == primary else "")}
+    a, b = row["mean_first"], row["mean_second"]
+    is_meaningful = a >= 0 and b > 0 and not b < row["sd_second"]
+    change = (a - b) / b if is_meaningful else nan
+    cells = {"Measure": row["label"] + " (primary)" * planned}
     for side in ("first", "second"):
         censored, n = row[f"censored_{side}"], row[f"n_{side}"]
         never = f"; never in {censored} of {n}" if censored else ""
@@ -100,192 +87,126 @@ def _difference(row: Row, margin: float | None, primary: str) -> Mapping[str, st
         **cells,
         "unit": row["unit"],
         "difference [95 %]": estimate(row),
-        "in percent": percent(share, "+"),
+        "in percent": percent(change, "+"),
         "P(first higher)": number(row["U"] / row["n_first"] / row["n_second"], 2),
         "test": test,
         "p": probability(p),
-        "p BH": NONE if row["measure"] == primary else probability(q),
+        "p BH": NONE if planned else probability(q),
         "margin": NONE if margin is None else f"±{margin:,g}",
-        "verdict": verdict(row, margin, planned=row["measure"] == primary),
+        "verdict": verdict(row, margin, planned=planned),
     }
 
 
-def effects_table(effects: DataFrame) -> Table:
+def effects_table(effects: DataFrame) -> DataFrame:
     """Main effects and interactions of the factors."""
-    rows = (
-        {
-            "Measure": row["measure"],
-            "effect": row["effect"],
-            "seeds": str(row["seeds"]),
-            "difference [95 %]": interval(
-                Interval(row["difference"], row["difference_low"], row["difference_high"]), 3, "+"
-            ),
-            "p": probability(row["p"]),
-            "p BH": probability(row["p_bh"]),
+    ends = effects[["difference", "difference_low", "difference_high"]].itertuples(index=False)
+    return effects[["measure", "effect", "seeds"]].assign(
+        **{
+            "difference [95 %]": [interval(Interval(*each), 3, "+") for each in ends],
+            "p": effects["p"].map(probability),
+            "p BH": effects["p_bh"].map(probability),
         }
-        for _, row in effects.iterrows()
     )
-    return Table.of("effects", "Main effects and interactions", rows, note("effects"))
 
 
-def unseen_table(study: Comparison, results: Sequence[TreeResult]) -> Table:
+def unseen_table(study: Comparison, tested: DataFrame) -> DataFrame:
     """Best robots and library trees in unseen worlds; with several tasks, a cross table."""
-    names = list(dict.fromkeys(r.arm for r in results))
-    cross = len(study.tasks) > 1
-    make: Callable[..., Mapping[str, str]] = _crossed if cross else _unseen
-    rows = (make(study, name, [r for r in results if r.arm == name], results) for name in names)
-    worlds = len(results[0].points)
-    heading = f"Best robots in {worlds} unseen worlds" + ", under the task of each arm" * cross
-    return Table.of("unseen", heading, rows, note("cross" if cross else "unseen"))
-
-
-def _crossed(
-    study: Comparison, name: str, of_arm: Sequence[TreeResult], results: Sequence[TreeResult]
-) -> Mapping[str, str]:
-    del results
-    row = {"Trees": name, "number": str(len(of_arm) // len(study.tasks))}
-    for task in study.tasks:
-        points = [r.mean for r in of_arm if r.task == task.label]
-        row[f"under {task.label} (points)"] = spread(points) + " *" * (name in task.arms)
-    return row
-
-
-def _unseen(
-    study: Comparison, name: str, of_arm: Sequence[TreeResult], results: Sequence[TreeResult]
-) -> Mapping[str, str]:
+    by_arm = tested.groupby("arm", sort=False)
+    if len(study.tasks) > 1:
+        table = (by_arm.size() // len(study.tasks)).astype(str).to_frame("number")
+        for task in study.tasks:
+            points = tested[tested["task"] == task.label].groupby("arm", sort=False)["points"]
+            cells = {arm: spread(v) + " *" * (arm in task.arms) for arm, v in points}
+            table[f"under {task.label} (points)"] = table.index.map(cells)
+        return table.reset_index(names="Trees")
     from scipy.stats import trim_mean  # type: ignore[import-untyped] # scipy ships no types
 
-    trained = [run.champion.record.fitness for arm, run in study.runs if arm.name == name]
-    means = [r.mean for r in of_arm]
-    row = {
-        "Trees": name,
-        "number": str(len(of_arm)),
-        "unseen (points)": spread(means),
-        "IQM": number(float(trim_mean(means, 0.25))),
-        "worst world": number(min(min(r.points) for r in of_arm)),
-        "trained (points)": spread(trained),
-    }
-    if of_arm[0].perturbed:
-        row["perturbed (points)"] = spread([fmean(r.perturbed) for r in of_arm])
-        row["worst perturbed"] = number(min(min(r.perturbed) for r in of_arm))
-    for tier in of_arm[0].reached:
-        row[f"{title(tier)} in"] = (
-            percent(fmean(r.reached[tier] for r in of_arm)) + " of the worlds"
-        )
-    for tree in [r for r in results if r.run is None][:1]:
-        apart = mean_interval([r.mean - tree.mean for r in of_arm])
-        row[f"minus {tree.arm} [95 %]"] = interval(apart, 0, "+") if of_arm[0].run else NONE
-    return row
+    trained = {arm: spread(v) for arm, v in study.runs.groupby("arm")["champion_fitness"]}
+    table = by_arm.size().astype(str).to_frame("number")
+    table["unseen (points)"] = by_arm["points"].agg(spread)
+    table["IQM"] = by_arm["points"].agg(lambda v: number(float(trim_mean(v, 0.25))))
+    table["worst world"] = by_arm["worst"].min().map(number)
+    table["trained (points)"] = [trained.get(arm, NONE) for arm in table.index]
+    if "perturbed" in tested:
+        table["perturbed (points)"] = by_arm["perturbed"].agg(spread)
+        table["worst perturbed"] = by_arm["perturbed_worst"].min().map(number)
+    for tier in study.classes.milestones:
+        share = by_arm[f"reached.{tier}"].mean().map(percent)
+        table[f"{title(tier)} in"] = share + " of the worlds"
+    for _, tree in tested[tested["run"].isna()].head(1).iterrows():
+        robots = tested[tested["run"].notna()].groupby("arm")["points"]
+        apart = {a: interval(mean_interval([*(v - tree["points"])]), 0, "+") for a, v in robots}
+        table[f"minus {tree['arm']} [95 %]"] = [apart.get(arm, NONE) for arm in table.index]
+    return table.reset_index(names="Trees")
 
 
-def behaviours_table(study: Comparison) -> Table:
+def behaviours_table(study: Comparison) -> DataFrame:
     """Table 13: number of individuals with a behaviour, over all generations of all runs."""
     classes = study.classes
-
-    def counts(behaviour: str, run: Run) -> Sequence[float]:
-        exclusive = behaviour in classes.specialists.of
-        return [
-            (s.specialists if exclusive else s.behaviour_counts)[behaviour] for s in run.snapshots
-        ]
-
-    values = {title(name): partial(counts, name) for name in classes.behaviours}
-    rows = _by_arm(study, values, "Behaviour")
-    heading = "Table 13. Individuals of a population with a behaviour"
-    return Table.of("behaviours", heading, rows, note("behaviours"))
+    columns = {
+        f"{'specialists' if name in classes.specialists.of else 'behaviour_counts'}.{name}": title(
+            name
+        )
+        for name in classes.behaviours
+    }
+    return _by_arm(study, study.generations, columns, "Behaviour")
 
 
-def components_table(study: Comparison) -> Table:
+def components_table(study: Comparison) -> DataFrame:
     """The best robots' fitness by component, Eq. (1)."""
-    names = study.arms[0].runs[0].champion.record.components
-    values: dict[str, Callable[[Run], Sequence[float]]] = {
-        title(name): partial(_component, name) for name in names
-    }
-    values["Fitness"] = lambda run: [run.champion.record.fitness]
-    notes = [note("components")] + [note("own-task")] * (not study.same_training)
-    heading = "Fitness of the best robots by component (points)"
-    return Table.of("components", heading, _by_arm(study, values, "Component", 0), *notes)
+    names = [name for name in study.runs if name.startswith("components.")]
+    columns = {name: title(name.removeprefix("components.")) for name in names}
+    columns["champion_fitness"] = "Fitness"
+    return _by_arm(study, study.runs, columns, "Component", 0)
 
 
-def costs_table(study: Comparison) -> Table:
+def costs_table(study: Comparison) -> DataFrame:
     """Table 14, with a column per arm."""
-    values = {
-        label: partial(_known, of)
-        for label, of in OVERHEAD.values()
-        if any(of(run) for _, run in study.runs)
-    }
-    rows = _by_arm(study, values, "Cost of a run", 2)
-    return Table.of("costs", "Table 14. Costs", rows, note("costs"))
-
-
-def _component(name: str, run: Run) -> Sequence[float]:
-    return [run.champion.record.components[name]]
-
-
-def _known(of: Callable[[Run], float | None], run: Run) -> Sequence[float]:
-    value = of(run)
-    return [] if value is None else [value]
+    columns = {k: v for k, v in COSTS.items() if k in study.runs and study.runs[k].any()}
+    return _by_arm(study, study.runs, columns, "Cost of a run", 2)
 
 
 def _by_arm(
-    study: Comparison,
-    values: Mapping[str, Callable[[Run], Sequence[float]]],
-    heading: str,
-    digits: int = 1,
-) -> Iterator[Mapping[str, str]]:
-    """A row for each value with its mean and deviation in each arm."""
-    for label, of in values.items():
-        cells = {a.name: spread([x for r in a.runs for x in of(r)], digits) for a in study.arms}
-        yield {heading: label, **cells}
+    study: Comparison, frame: DataFrame, columns: Mapping[str, str], heading: str, digits: int = 1
+) -> DataFrame:
+    """A row for each column of a frame with its mean and deviation in each arm."""
+    from pandas import DataFrame
+
+    values = {arm: frame[frame["arm"] == arm] for arm in study.names}
+    cells = {arm: [spread(v[name], digits) for name in columns] for arm, v in values.items()}
+    return DataFrame({heading: [*columns.values()], **cells})
 
 
-def decisions_table(study: Comparison) -> Table:
-    """Section 3.7: the shares of patterns, phases and targets, and the number of crises."""
-    rows: dict[str, dict[str, str]] = {}
-    for arm in study.arms:
-        made = decisions(run.guidance for run in arm.runs)
-        groups = {"Pattern": made.patterns, "Phase": made.phases, "Injected for": made.targets}
-        cells = {"Decisions": number(made.total), "Interventions": number(made.interventions)}
-        cells |= {f"Crises: {reason}": number(n) for reason, n in made.episodes.items()}
-        cells |= {
-            f"{group}: {name.replace('_', ' ')}": percent(count / made.total)
-            for group, counts in groups.items()
-            for name, count in counts.items()
-        }
-        for label, cell in cells.items():
-            rows.setdefault(label, {"Decision": label})[arm.name] = cell
-    ordered = (rows[label] for label in sorted(rows, key=lambda label: (":" in label, label)))
-    heading = "Decisions of the supervisors, all runs together"
-    return Table.of("decisions", heading, ordered, note("decisions"))
+def decisions_table(study: Comparison) -> DataFrame:
+    """Section 3.7: the shares of patterns, phases and targets, and the number of crises.
 
-
-def origins_table(study: Comparison) -> Table:
-    """The source of each run's best robot: drawn, bred, or advised by a supervisor."""
-    counts = {arm.name: Counter(map(origin_of_best, arm.runs)) for arm in study.arms}
-    sources = sorted({source for each in counts.values() for source in each})
-    rows = (
-        {"Source": source, **{arm: str(each[source]) for arm, each in counts.items()}}
-        for source in sources
-    )
-    return Table.of("origins", "Origins of the best robots (runs)", rows, note("origins"))
-
-
-def origin_of_best(run: Run) -> str:
-    """The source of a run's best robot; an unchanged copy has that of the original.
-
-    An injected tree has the name of its library file, or that of the supervisor that wrote it.
+    A crisis that lasts several generations counts once.
     """
-    by_id: dict[str, Any] = {i.id: i for record in run.records for i in record.individuals}
-    best = by_id.get(run.champion.record.id, run.champion.record)
-    i = original(best, by_id)
-    if i.origin == Origin.INJECTED and advised(i):
-        generation = int(i.id.partition(".")[0])
-        guidance = run.records[generation - 1].guidance if generation else None
-        names = library_names(run.config)
-        if guidance is None or guidance.tree is None:
-            return f"injected, unchanged: {names.get(i.tree, 'no supervisor')}"
-        return f"injected, unchanged: {names.get(guidance.tree, guidance.source)}"
-    if i.origin == Origin.EDITED and advised(i):
-        return "edited by the supervisor"
-    if i.id in with_advised_ancestor(run):
-        return "bred, with an advised ancestor"
-    return "a random tree" if i.origin == Origin.RANDOM and not i.mutation else "bred"
+    from pandas import DataFrame
+
+    cells: dict[str, dict[str, str]] = {arm: {} for arm in study.names}
+    made = study.generations[study.generations["source"].notna()]
+    for arm, each in made.groupby("arm"):
+        crises = each[each["crisis"] != each.groupby("run")["crisis"].shift()]["crisis"]
+        cells[arm] = {
+            "Decisions": number(len(each)),
+            "Interventions": number(each["intervention"].sum()),
+            **{f"Crises: {k}": number(n) for k, n in crises[crises != ""].value_counts().items()},
+        }
+        injected = each[each["injected"].astype(bool)]
+        for heading, column in (
+            ("Pattern", each["pattern"]),
+            ("Phase", each["phase"]),
+            ("Injected for", injected["target"]),
+        ):
+            for name, n in column.value_counts().items():
+                cells[arm][f"{heading}: {name.replace('_', ' ')}"] = percent(n / len(each))
+    table = DataFrame(cells).fillna(NONE)
+    order = sorted(table.index, key=lambda label: (":" in label, label))
+    return table.loc[order].reset_index(names="Decision")
+
+
+def origins_table(study: Comparison) -> DataFrame:
+    """The source of each run's best robot, by arm: drawn, bred, or advised by a supervisor."""
+    counts = study.runs.groupby(["origin", "arm"]).size().unstack(fill_value=0)
+    return counts[[*study.names]].astype(str).reset_index(names="Source")

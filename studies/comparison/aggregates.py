@@ -24,8 +24,6 @@ from islandgp.seeding import Stream, stream
 from islandgp.statistics import (
     ENUMERATED,
     EXACT,
-    MIN_VALUES,
-    RESAMPLES,
     UNTESTED,
     Interval,
     doubled_ranks,
@@ -35,6 +33,7 @@ from islandgp.statistics import (
     two_sided,
 )
 from studies.comparison.strata import Strata, arrays_of, first_values, in_worlds
+from studies.resampling import MIN_VALUES, RESAMPLES
 
 EXACT_PAIRS: Final = "exact, exchanges of the pairs enumerated"
 NORMAL: Final = "asymptotic, corrected for ties"

@@ -6,10 +6,11 @@ from math import isnan
 from typing import TYPE_CHECKING, Any, Final
 
 import islandgp.compare.figures as drawing
-from islandgp.statistics import MIN_VALUES
 from studies.comparison.aggregates import performance_profile, thresholds
 from studies.comparison.profiles import ALL_WORLDS, Scores, arm_names, over_all_worlds
 from studies.comparison.strata import Strata
+from studies.pictures import Picture, picture
+from studies.resampling import MIN_VALUES
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -33,7 +34,7 @@ Panels = dict[str, dict[str, Strata]]  # by title and arm
 
 def profile_picture(
     scores: Scores, *, pool: bool = False, label: str = "Score", key: str = "profiles"
-) -> drawing.Picture:
+) -> Picture:
     """Performance profiles: a panel per world, a line per arm, with 95 % bands for up to four arms.
 
     Args:
@@ -63,7 +64,7 @@ def profile_picture(
 
     height = HEIGHT * -(-len(panels) // PANELS) + 0.4 + 0.2 * -(-len(arms) // _across(arms))
     caption = CAPTION.format(bands=BANDS, fewest=MIN_VALUES)
-    return drawing.picture(key, "Performance profiles", caption, draw, height=height, width=WIDTH)
+    return picture(key, "Performance profiles", caption, draw, height=height, width=WIDTH)
 
 
 def _panel(axes: Axes, arms: list[str], strata: dict[str, Strata], *, bands: bool) -> None:
@@ -83,7 +84,7 @@ def _panel(axes: Axes, arms: list[str], strata: dict[str, Strata], *, bands: boo
                 (1, *profile.low, 0),
                 (1, *profile.high, 0),
                 step="post",
-                color=style.colour,
+                color=style["color"],
                 alpha=0.15,
                 linewidth=0,
             )
@@ -104,11 +105,9 @@ def _panel(axes: Axes, arms: list[str], strata: dict[str, Strata], *, bands: boo
     axes.yaxis.set_major_formatter(drawing.PERCENT)
 
 
-def _line(style: drawing.Style) -> dict[str, Any]:
+def _line(style: dict[str, Any]) -> dict[str, Any]:
     return {
-        "color": style.colour,
-        "linestyle": style.line,
-        "marker": style.marker,
+        **style,
         "markersize": 5,
         "markeredgecolor": "white",
         "markeredgewidth": 0.5,

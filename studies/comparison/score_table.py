@@ -8,10 +8,11 @@ from typing import Final
 
 import pandas as pd  # type: ignore[import-untyped] # its stubs are a package apart
 
-from islandgp.compare.table import NONE, Table, interval, probability
-from islandgp.statistics import MIN_VALUES
+from islandgp.compare.table import NONE, interval, probability
 from studies.comparison.aggregates import MIN_PER_WORLD
 from studies.comparison.profiles import ALL_WORLDS, ScoreRow
+from studies.pictures import Table
+from studies.resampling import MIN_VALUES
 
 AGGREGATES: Final = (
     "IQM: mean of the middle half of the runs (interquartile mean). P(better than {reference}): the"
@@ -48,13 +49,11 @@ def score_table(
         notes: further notes below the table.
     """
     digits = {row.world: _digits([r for r in rows if r.world == row.world]) for row in rows}
-    return Table.of(
+    return Table(
         key,
         title,
-        (_cells(row, digits[row.world], world) for row in rows),
-        AGGREGATES.format(reference=rows[0].reference),
-        *_reasons(rows),
-        *notes,
+        pd.DataFrame([_cells(row, digits[row.world], world) for row in rows]),
+        (AGGREGATES.format(reference=rows[0].reference), *_reasons(rows), *notes),
     )
 
 
@@ -70,7 +69,7 @@ def _cells(row: ScoreRow, digits: int, world: str) -> Mapping[str, str]:
         "IQM [95 %]": interval(row.iqm, digits),
         f"P(better than {row.reference}) [95 %]": better,
         "p": p,
-        "p BH": probability(row.p_bh),
+        "p BH": NONE if row.p_bh is None else probability(row.p_bh),
     }
 
 

@@ -16,7 +16,7 @@ $RUN "$OTHERS" supervisor=expert library=combined
 $RUN "$OTHERS" supervisor=baseline gp.founders=true library=single
 $RUN "$OTHERS" supervisor=fixed
 $RUN "$OTHERS" supervisor=baseline search=compose library=single
-"$BIN/islandgp" compare $CONF --name study7 --primary first_complete_descendant --force -o studies/editors/results \
+"$BIN/islandgp" compare $CONF --name study7 --primary first_descendant.complete --force -o studies/editors/results \
   --arm editor="supervisor=editor" --arm random_branch="supervisor=editor_random_branch" \
   --arm random_tree="supervisor=editor_random_tree" --arm constant="supervisor=editor_constant" \
   --arm yoked="supervisor=editor_yoked" --arm expert="supervisor=expert library.trees.pickup=[single_pickup]" \

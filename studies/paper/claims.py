@@ -66,7 +66,7 @@ def lines(folder: Path) -> Iterator[str]:
     yield "|---|---|---:|---:|---:|---:|---|"
     for claim in figures["claims"]:
         row = tests.loc[claim["measure"]]
-        is_first = claim["measure"].startswith("first_")
+        is_first = claim["measure"].startswith("first.")
         unit = "generations without one" if is_first else row["unit"]
         share = claim.get("difference")
         cells = (

@@ -5,6 +5,6 @@ BIN=$1
 CONF='--config-dir studies/conf'
 "$BIN/python" -m islandgp $CONF experiment=study 'seed=range(7000,7060)' supervisor=baseline,expert progress=plain -m
 "$BIN/islandgp" compare $CONF --arm expert="supervisor=expert" --arm baseline="supervisor=baseline" --name study \
-  --primary first_complete -o studies/paper/results
+  --primary first.complete -o studies/paper/results
 "$BIN/python" -m studies.paper.claims
 "$BIN/python" -m studies.paper.trees

@@ -22,7 +22,8 @@ import numpy as np
 
 import islandgp
 from islandgp.domain import Outcome, Scene
-from islandgp.statistics import benjamini_hochberg, bootstrap, mean_interval, paired_test
+from islandgp.statistics import benjamini_hochberg, mean_interval, paired_test
+from studies.resampling import bootstrap
 
 ROOT: Final = Path(__file__).resolve().parents[2]
 DOMAINS: Final = ROOT / "islandgp" / "domains"

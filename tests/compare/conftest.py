@@ -9,12 +9,5 @@ from islandgp.compare import figures
 
 @pytest.fixture
 def blank(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Figures have their titles and captions, but are not drawn."""
-
-    def undrawn(
-        key: str, title: str, caption: str, draw: object, **sizes: float
-    ) -> figures.Picture:  # as `figures.picture`
-        del draw, sizes
-        return figures.Picture(key, title, caption, "", b"")
-
-    monkeypatch.setattr(figures, "picture", undrawn)
+    """Figures are not drawn."""
+    monkeypatch.setattr(figures, "to_svg", lambda *_, **__: "")

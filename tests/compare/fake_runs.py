@@ -1,4 +1,4 @@
-"""Fake finished runs, as values and as folders on disk."""
+"""Fake finished runs, as folders on disk."""
 
 from __future__ import annotations
 
@@ -6,13 +6,12 @@ import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
 from functools import cache
+from itertools import count
 from pathlib import Path
-from typing import Any
+from tempfile import TemporaryDirectory
+from typing import Any, Final
 
-import yaml
-
-from islandgp.compare.arms import Arm, parse_selection
-from islandgp.compare.runs import Run
+from islandgp.compare.arms import Arm, Run, parse_selection
 from islandgp.evolution.validation import Validation
 from islandgp.gp.archive import ArchiveRecord
 from islandgp.gp.record import (
@@ -96,6 +95,10 @@ def guidance(**changes: Any) -> GuidanceRecord:
     return replace(record, **changes)
 
 
+FOLDER: Final = TemporaryDirectory(prefix="islandgp-fake-runs-")
+_numbers = count()
+
+
 def fake_run(
     supervisor: str = "expert",
     seed: int = 0,
@@ -107,9 +110,10 @@ def fake_run(
     populations: Sequence[Sequence[IndividualRecord]] | None = None,
     guided: GuidanceRecord | None = None,
     path: str = "",
+    folder: Path | None = None,
     **changes: Any,
 ) -> Run:
-    """A run with the given snapshots; `complete` is the first such generation."""
+    """A run on disk with the given snapshots; `complete` is the first such generation."""
     curve = [float(best)] * generations if isinstance(best, float | int) else list(best)
     last = len(curve) - 1
     records = tuple(
@@ -133,51 +137,48 @@ def fake_run(
         )
         for g, fitness in enumerate(curve)
     )
-    top = max(range(len(curve)), key=lambda g: curve[g])
-    configuration = config(supervisor, seed, **changes)
-    return Run(
-        path=Path(path or f"runs/{configuration['name']}/{supervisor}-seed{seed}"),
-        config=configuration,
-        flat=flatten(configuration),
-        records=records,
-        costs=(Cost(1.0, 0.5, 0.1, 30, 28),) * len(curve),
-        champion=Champion(top, max(records[top].individuals, key=lambda i: i.fitness)),
+    place = folder or Path(FOLDER.name, str(next(_numbers)), path or f"{supervisor}-seed{seed}")
+    return written(place, records, config(supervisor, seed, **changes))
+
+
+def written(
+    folder: Path,
+    records: Sequence[GenerationRecord],
+    configuration: Mapping[str, Any],
+    *,
+    episodes: Sequence[int] = (),
+    champion: IndividualRecord | None = None,
+    validation: Validation | None = None,
+    finished: bool = True,
+) -> Run:
+    """The folder of a run with these records, as far as the study reads it."""
+    everyone = [(i.fitness, -g, i) for g, r in enumerate(records) for i in r.individuals]
+    _, g, top = max(everyone, key=lambda each: each[:2])
+    best = Champion(-g, champion or top)
+    costs = [Cost(1.0, 0.5, 0.1, n, n) for n in episodes] or [Cost(1.0, 0.5, 0.1, 30, 28)] * len(
+        records
     )
-
-
-def fake_arm(name: str, runs: Sequence[Run], selection: str = "") -> Arm:
-    """An arm of runs."""
-    text = selection or f"supervisor={name}"
-    parsed = parse_selection(text)
-    levels = {key: str(value) for key, value in parsed.conditions}
-    return Arm(name, text, tuple(runs), parsed.keys, levels)
-
-
-def write_run(run: Run, folder: Path, *, finished: bool = True) -> None:
-    """The run's folder as `tracking.folder` writes it, as far as the study reads it."""
     folder.mkdir(parents=True)
-    (folder / "config.yaml").write_text(yaml.safe_dump(dict(run.config), sort_keys=False))
-    _lines(folder / "generations.jsonl", [record_values(r) for r in run.records])
-    _lines(folder / "costs.jsonl", [{**asdict(c), "at": 1} for c in run.costs])
+    (folder / "config.yaml").write_text(json.dumps(configuration))
+    _lines(folder / "generations.jsonl", [record_values(r) for r in records])
+    _lines(folder / "costs.jsonl", [{**asdict(c), "at": 1} for c in costs])
     if finished:
-        mean = run.validation_mean or 0.0
-        validation = Validation(run.validation, mean, mean, mean, {}) if run.validation else None
         summary = {
             "champion": {
-                **asdict(run.champion),
+                **asdict(best),
                 "validation": validation and asdict(validation),
-                "tree": run.champion.record.tree,
-                "text": run.champion.record.tree,
+                "tree": best.record.tree,
+                "text": best.record.tree,
                 "front": [],
                 "changes": [],
                 "chosen_in": [],
             },
-            "fittest": asdict(run.champion),
+            "fittest": asdict(best),
             "first": {},
             **dict.fromkeys(
                 ("final_fitness_max", "final_fitness_mean", "mean_diversity", "seconds"), 0.0
             ),
-            "generations": len(run.records),
+            "generations": len(records),
             "answers": answers(()),
             "mostly_fallback": False,
         }
@@ -189,8 +190,24 @@ def write_run(run: Run, folder: Path, *, finished: bool = True) -> None:
         (folder / "about.json").write_text(json.dumps(about))
         archive = ArchiveFile("island", {"pickups": (1.0,)}, 0.0, 0.0, 0.0, ())
         (folder / "archive.json").write_bytes(archive.to_bytes())
+        for name in ("best.bt", "lineage.csv"):
+            (folder / name).touch()
         write_manifest(folder, end.encode())
         (folder / "summary.json").write_text(end)
+    return Run(folder, configuration, flatten(configuration), finished)
+
+
+def validated(mean: float, *worlds: int) -> Validation:
+    """A validation with this mean in these worlds."""
+    return Validation(worlds, mean, mean, mean, {})
+
+
+def fake_arm(name: str, runs: Sequence[Run], selection: str = "") -> Arm:
+    """An arm of runs."""
+    text = selection or f"supervisor={name}"
+    parsed = parse_selection(text)
+    levels = {key: str(value) for key, value in parsed.items()}
+    return Arm(name, text, tuple(runs), frozenset(parsed), levels)
 
 
 def _lines(file: Path, values: Sequence[Mapping[str, Any]]) -> None:

@@ -5,22 +5,20 @@ from __future__ import annotations
 import re
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from islandgp.compare.arms import Arm
+from islandgp.compare.arms import Arm, Run
 from islandgp.compare.champions import evaluate_champions
 from islandgp.compare.comparable import compare_arms
 from islandgp.compare.library import library_names
 from islandgp.compare.report import Report, build, to_page
-from islandgp.compare.runs import Run
-from islandgp.compare.table import Table
 from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.errors import StudyError
 from islandgp.evaluation.serial import Serial
 from islandgp.gate import user_folder
-from tests.compare.fake_runs import config, fake_arm, fake_run, guidance, individual
+from islandgp.records.folder import RunFolder
+from tests.compare.fake_runs import config, fake_arm, fake_run, guidance, individual, written
 from tests.records.configured import naming
 from tests.samples import CLASSES
 
@@ -44,7 +42,7 @@ def _maze_run(supervisor: str, seed: int) -> Run:
     plain = individual("0.0")
     run = fake_run(supervisor, seed, generations=6, guided=guidance(pattern="stagnation"))
     records = []
-    for g, record in enumerate(run.records):
+    for g, record in enumerate(RunFolder(run.path).generations()):
         one = replace(
             plain,
             id=f"{g}.0",
@@ -65,11 +63,7 @@ def _maze_run(supervisor: str, seed: int) -> Run:
             counters=dict(one.counters),
         )
         records.append(replace(record, snapshot=snapshot, individuals=(one,)))
-    champion = replace(run.champion, generation=5, record=records[5].individuals[0])
-    changes: dict[str, Any] = {**config(supervisor, seed), **MAZE}
-    flat = {k: v for k, v in run.flat.items() if k.partition(".")[0] not in MAZE}
-    flat["domain.factory"] = "nowhere.maze:Maze"
-    return replace(run, config=changes, flat=flat, records=tuple(records), champion=champion)
+    return written(run.path / "maze", records, {**run.config, **MAZE})
 
 
 def _arms() -> list[Arm]:
@@ -86,15 +80,14 @@ def report() -> Report:
 
 def test_every_milestone_behaviour_and_component_has_its_row(report: Report) -> None:
     """However many there are, by the names that configuration and records give them."""
-    items = [item for section in report.sections for item in section.items]
-    tables = {t.key: t.frame for t in items if isinstance(t, Table)}
+    tables = report.tables
     labels = list(tables["differences expert baseline"]["Measure"])
     assert [label for label in labels if label.startswith("First")] == [
         f"First {name.capitalize()} Robot" for name in TIERS
     ]
     assert list(tables["behaviours"]["Behaviour"]) == ["Turning"]
     assert list(tables["components"]["Component"]) == ["Way", "Fitness"]
-    assert list(report.files["runs.csv"]["first_halfway"])[:1] == [4]
+    assert list(report.study.runs["first.halfway"])[:1] == [4]
 
 
 def test_unseen_worlds_need_the_domain(tmp_path: Path) -> None:

@@ -7,23 +7,22 @@ from dataclasses import replace
 
 from islandgp.compare.champions import (
     champion_keys,
-    champion_measures,
     evaluate_champions,
     library_trees,
     unseen_worlds,
+    with_champions,
 )
 from islandgp.compare.comparable import Comparison, compare_arms
 from islandgp.compare.library import library_names
-from islandgp.compare.tables import origin_of_best
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Job, Problem
 from islandgp.evaluation.serial import Serial
+from islandgp.records.folder import RunFolder
 from islandgp.seeding import Stream, stream
-from tests.compare.fake_runs import TREE, config, fake_arm, fake_run, guidance, individual
+from tests.compare.fake_runs import TREE, config, fake_arm, fake_run, individual, validated, written
 from tests.samples import outcome
 
 OTHER = "PatrolWaypoint\n"
-(POOR,) = [text for text, name in library_names(config()).items() if name == "poor"]
 
 
 class Recorder:
@@ -67,21 +66,17 @@ def test_every_champion_meets_the_same_unseen_worlds_in_the_last_stage() -> None
         return recorders[-1]
 
     results = evaluate_champions(_study(), make, worlds=3, trees={"a tree": OTHER})
-    assert [(r.arm, r.seed) for r in results] == [
-        ("expert", 0),
-        ("expert", 1),
-        ("baseline", 0),
-        ("baseline", 1),
-        ("a tree", None),
-    ]
+    assert [*results["arm"]] == ["expert", "expert", "baseline", "baseline", "a tree"]
+    assert [*results["seed"]][:4] == [0, 1, 0, 1]
     (recorder,) = recorders
     assert {j.tree for j in recorder.jobs} == {TREE, OTHER}
     assert len(recorder.jobs) == 3 + 3
     assert {j.stage for j in recorder.jobs} == {3}
     assert recorder.closed
-    assert (results[0].points, results[0].mean) == ((0.0, 1.0, 2.0), 1.0)
-    assert results[0].reached == {"complete": 2 / 3, "excellent": 0.0}
-    assert results[0].counters["charges"] == 1.0
+    first = results.iloc[0]
+    assert (first["points"], first["worst"]) == (1.0, 0.0)
+    assert (first["reached.complete"], first["reached.excellent"]) == (2 / 3, 0.0)
+    assert first["counters.charges"] == 1.0
 
 
 def test_every_champion_is_scored_under_every_task() -> None:
@@ -108,17 +103,19 @@ def test_every_champion_is_scored_under_every_task() -> None:
     ]
     study = compare_arms(arms)
     results = evaluate_champions(study, Serial, worlds=4, trees={})
-    points = {(r.arm, r.seed, r.task): r.mean for r in results}
+    points = results.set_index(["arm", "seed", "task"])["points"]
     assert len(points) == 2 * 2 * 2
-    assert {r.own for r in results if r.arm == r.task.replace("interaction.base=", "arm")} == {True}
+    assert [*results["own"]] == [
+        *(results["task"] == results["arm"].str.replace("arm", "interaction.base="))
+    ]
     low, high = (task.label for task in study.tasks)
     for arm in ("arm100", "arm1000"):
         assert points[arm, 0, high] > points[arm, 0, low]
         assert points[arm, 0, low] == points["arm100", 0, low]
-    measures = champion_measures(study, results)
+    runs, measures = with_champions(study, results)
     assert tuple(m.key for m in measures) == champion_keys(study)
     assert measures[0].label == "Best robot in unseen worlds under interaction.base=100"
-    assert measures[1].of(study.arms[0].runs[0]) == points["arm100", 0, high]
+    assert runs[measures[1].key].iloc[0] == points["arm100", 0, high]
 
 
 def test_unseen_worlds_are_those_of_nobody() -> None:
@@ -132,72 +129,18 @@ def test_unseen_worlds_are_those_of_nobody() -> None:
 
 
 def test_worlds_of_runs_are_passed_over() -> None:
-    """A world that any run of the study used is not unseen."""
+    """A world that any run of the study used, also for validation, is not unseen."""
     study = _study()
     first, second, third = unseen_worlds(study, 3)
-    arm = study.arms[1]
-    record = replace(arm.runs[0].records[0], worlds=(second,))
-    met = replace(arm, runs=(replace(arm.runs[0], records=(record,)), arm.runs[1]))
-    assert unseen_worlds(replace(study, arms=(study.arms[0], met)), 2) == (first, third)
-    validated = replace(arm, runs=(replace(arm.runs[0], validation=(first, third)), arm.runs[1]))
-    assert unseen_worlds(replace(study, arms=(study.arms[0], validated)), 1) == (second,)
+    run = fake_run("baseline", 2, generations=4)
+    records = [replace(record, worlds=(second,)) for record in RunFolder(run.path).generations()]
+    met = written(run.path / "met", records, run.config, validation=validated(1.0, first))
+    arms = (study.arms[0], replace(study.arms[1], runs=(*study.arms[1].runs, met)))
+    assert unseen_worlds(compare_arms(arms), 1) == (third,)
 
 
 def test_library_trees_are_beside_the_best_robots() -> None:
-    """Reference trees first, then those for targets; the one injected most often is marked."""
+    """Reference trees first, then those for targets."""
     names = [*library_trees(_study())]
     assert names[:2] == ["library: all_rounder", "library: multi_behaviour"]
-    target = names[-1].removeprefix("library: ")
-    texts = {name: text for text, name in library_names(config()).items()}
-    runs = [
-        fake_run(seed=0, generations=4, guided=guidance(tree=texts[target], injected=True)),
-        fake_run(seed=1, generations=4, guided=guidance(tree=texts["all_rounder"])),
-    ]
-    study = _study()
-    trees = library_trees(replace(study, arms=(replace(study.arms[0], runs=tuple(runs)),)))
-    assert trees[f"library: {target}"] == texts[target]
-
-
-# 1.1 is injected and kept as an elite; 2.1 is its child; 3.1 is a copy of a random tree.
-POPULATIONS = [
-    [individual("0.0", "random"), individual("0.1", "random", tree=OTHER)],
-    [individual("1.0", "crossover", ["0.0", "0.1"]), individual("1.1", "injected", tree=POOR)],
-    [
-        individual("2.0", "elite", ["1.1"], tree=POOR, fitness=9.0),
-        individual("2.1", "crossover", ["1.0", "1.1"]),
-    ],
-    [
-        individual("3.0", "resurrected", ["2.0"], tree=POOR, fitness=5000.0),
-        individual("3.1", "copy", ["0.1"], tree=OTHER),
-        individual("3.2", "elite", ["1.0"]),
-        individual("3.3", "elite", ["1.0"], mutation="swap"),
-        individual("3.4", "elite", ["1.1"], mutation="swap", tree=OTHER),
-        individual("3.5", "injected", mutation="swap"),
-        individual("3.6", "edited", mutation="edit:insert"),
-    ],
-]
-
-
-def _origins(source: str = "expert", tree: str = POOR) -> list[str]:
-    guided = guidance(tree=tree, injected=True, source=source)
-    run = fake_run(best=[1.0, 1, 1, 2], populations=POPULATIONS, guided=guided)
-    champions = (replace(run.champion, record=record) for record in run.records[3].individuals)
-    return [origin_of_best(replace(run, champion=champion)) for champion in champions]
-
-
-def test_copies_are_followed_back_to_where_the_tree_arose() -> None:
-    """Drawn, bred, or given as it is, by the name of the library's file."""
-    assert _origins() == [
-        "injected, unchanged: poor",
-        "a random tree",
-        "bred",
-        "bred",
-        "bred, with an advised ancestor",
-        "bred, with an advised ancestor",
-        "edited by the supervisor",
-    ]
-
-
-def test_a_tree_from_outside_the_library_has_its_writer_s_name() -> None:
-    """A language model's tree is called by its supervisor."""
-    assert _origins("llm", OTHER)[0] == "injected, unchanged: llm"
+    assert len(names) > 2

@@ -12,7 +12,7 @@ from scipy import stats  # type: ignore[import-untyped] # scipy ships no types
 from islandgp.compare.arms import Arm
 from islandgp.compare.comparable import compare_arms, shared_seeds
 from islandgp.compare.findings import DEFAULT_PLAN, examine_all
-from islandgp.compare.measures import FITNESS, emergence, first
+from islandgp.compare.measures import FITNESS, emergence
 from islandgp.errors import StudyError
 from islandgp.statistics import UNTESTED
 from tests.compare.fake_runs import fake_arm, fake_run
@@ -82,8 +82,8 @@ def test_runs_are_pairs_only_from_the_same_start(key: str, value: Any, expected:
     arms = [_arm("expert", range(2)), _arm("baseline", range(2), **{key: value})]
     study = compare_arms(arms, force=True)
     assert shared_seeds(*study.pairs[0]) == ((0, 1) if expected else ())
-    (row,) = examine_all(study, DEFAULT_PLAN, FITNESS[:1])
-    assert (row["pairs"] is not None) is expected
+    row = examine_all(study, DEFAULT_PLAN, FITNESS[:1]).iloc[0]
+    assert bool(row["pairs"]) is expected
 
 
 def test_what_both_selections_name_is_what_is_studied() -> None:
@@ -133,7 +133,7 @@ def test_arms_are_paired_by_the_seeds_that_they_share() -> None:
         "paired by the 15 seeds that they share (0-14); seeds 15-29 of expert have no pair" in note
         for note in study.notes
     )
-    (row,) = examine_all(study, DEFAULT_PLAN, FITNESS[:1])
+    row = examine_all(study, DEFAULT_PLAN, FITNESS[:1]).iloc[0]
     assert (row["n_first"], row["n_second"], row["pairs"]) == (30, 15, 15)
     paired = stats.wilcoxon(values["expert"][:15], values["baseline"])
     assert row["paired_p"] == pytest.approx(paired.pvalue)
@@ -232,17 +232,15 @@ def test_longer_runs_are_cut_where_the_shortest_ends() -> None:
     long = fake_run(generations=8, best=[1.0, 2, 3, 4, 5, 6, 9, 7], complete=3, excellent=6)
     short = fake_run("baseline", generations=6, best=[1.0] * 6)
     study = compare_arms([fake_arm("expert", [long]), fake_arm("baseline", [short])], force=True)
-    run = study.arms[0].runs[0]
-    assert study.generations == len(run.records) == len(run.costs) == 6
-    assert [first(run, tier) for tier in ("complete", "excellent")] == [3, None]
-    assert (run.champion.generation, run.champion.record.fitness) == (5, 6.0)
-    assert run.records[-1].guidance is None
-    assert FITNESS[0].of(run) == 6.0
-    assert any("expert has runs of 8 generations" in note for note in study.notes)
+    assert study.horizon == 6
+    run = study.of_arm("expert").iloc[0]
+    assert (run["first.complete"], run["fitness_max"]) == (3, 6.0)
+    assert np.isnan(run["first.excellent"])
+    assert any("expert has runs of more than 6 generations" in note for note in study.notes)
     firsts = [emergence("complete"), emergence("excellent")]
     results = examine_all(study, DEFAULT_PLAN, firsts)
-    assert [row["censored_first"] for row in results] == [0, 1]
-    assert results[1]["kind"] == UNTESTED
+    assert [*results["censored_first"]] == [0, 1]
+    assert results["kind"][1] == UNTESTED
 
 
 def test_a_library_is_chosen_as_a_whole() -> None:

@@ -83,7 +83,7 @@ def test_the_documented_rewards(home: Path, monkeypatch: pytest.MonkeyPatch) -> 
     assert sorted(factor) == [100, 100, 1000, 1000]
     tests = pd.read_csv(home / "study" / "rewards" / "tests.csv")
     assert {"unseen_1", "unseen_2", "counters.interactions"} <= {*tests["measure"]}
-    assert not {"mean_max", "final_max"} & {*tests["measure"]}
+    assert not {"mean_fitness_max", "final_fitness_max"} & {*tests["measure"]}
 
 
 @pytest.mark.usefixtures("blank")

@@ -2,38 +2,49 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import pytest
 
-from islandgp.compare.figures import at_episodes
+from islandgp.compare.arms import Run
+from islandgp.compare.figures import by_run
+from islandgp.compare.library import library_names
 from islandgp.compare.measures import (
     FITNESS,
+    POINTS,
     SPANS,
-    best,
-    episodes_until,
-    first,
-    first_descendant,
+    measured,
+    read_runs,
     training_measures,
-    with_advised_ancestor,
 )
-from islandgp.compare.runs import Run
-from islandgp.gp.record import Cost
-from tests.compare.fake_runs import fake_arm, fake_run, individual
+from islandgp.gp.record import GenerationRecord
+from islandgp.records.folder import RunFolder
+from tests.compare.fake_runs import (
+    config,
+    fake_arm,
+    fake_run,
+    guidance,
+    individual,
+    written,
+)
 from tests.samples import CLASSES
+
+
+def values(run: Run) -> dict[str, Any]:
+    """The measures of a run."""
+    return dict(measured(read_runs([fake_arm("a", [run])])[0], CLASSES).iloc[0])
 
 
 def test_table_9_by_hand() -> None:
     """Highest ever, highest of the last generation, mean of the highest, last mean."""
-    run = fake_run(best=[1.0, 5.0, 3.0])
-    assert [m.of(run) for m in FITNESS[:4]] == [5.0, 3.0, 3.0, 100.0]
+    found = values(fake_run(best=[1.0, 5.0, 3.0, 3.0]))
+    assert [found[m.key] for m in FITNESS[:4]] == [5.0, 3.0, 3.0, 100.0]
 
 
 def test_table_10_by_hand() -> None:
     """A stage's value is the mean of its generations' highest fitness."""
-    run = fake_run(best=[float(g) for g in range(41)])
-    assert [m.of(run) for m in FITNESS[4:]] == [5.0, 18.0, 33.0]
+    found = values(fake_run(best=[float(g) for g in range(41)]))
+    assert [found[m.key] for m in FITNESS[4:]] == [5.0, 18.0, 33.0]
 
 
 @pytest.mark.parametrize("n", [4, 5, 6, 16, 41, 100])
@@ -47,34 +58,30 @@ def test_the_family_is_the_paper_s() -> None:
     """Seven of Tables 9 and 10, two emergences, six of Table 12; the others are not main."""
     measures = training_measures(CLASSES)
     assert len({m.key for m in measures}) == len(measures) == 17
-    assert [m.key for m in measures if m.emergence and m.main] == [
-        "first_complete",
-        "first_excellent",
+    assert [m.key for m in measures if m.emergence] == [
+        *("first.complete", "first.excellent"),
+        *("first_descendant.complete", "first_descendant.excellent"),
     ]
-    assert [m.key for m in measures if not m.main] == [
-        "first_complete_descendant",
-        "first_excellent_descendant",
-    ]
+    assert [m.main for m in measures if m.emergence] == [True, True, False, False]
+    assert sum(m.unit == POINTS for m in measures) == 7
 
 
-def _run(*episodes: int, seed: int = 0, **changes: Any) -> Run:
-    """A run whose generations asked for so many episodes, each as fit as its number."""
-    run = fake_run("expert", seed, best=[float(g) for g in range(len(episodes))], **changes)
-    return replace(run, costs=tuple(Cost(1.0, 0.0, 0.0, n, n) for n in episodes))
-
-
-def test_episodes_are_those_of_the_costs() -> None:
-    """Summed up to the end of each generation; lost ones are those of the configuration."""
-    assert episodes_until(_run(30, 30, 10, 2)) == (30, 60, 70, 72)
-    run = _run(0, 0, 5, gp__population=20, gp__episodes=3)
-    assert episodes_until(run) == (60, 120, 125)
+def _run(*episodes: int, **changes: Any) -> Run:
+    """A run whose generations took so many episodes, each as fit as its number."""
+    run = fake_run(best=[float(g) for g in range(len(episodes))], **changes)
+    records: list[GenerationRecord] = [*RunFolder(run.path).generations()]
+    return written(run.path / "again", records, run.config, episodes=episodes)
 
 
 def test_curves_of_runs_with_unequal_episodes() -> None:
-    """At each number of episodes that all runs have reached: the last finished generation."""
-    places, rows = at_episodes(fake_arm("a", [_run(10, 10, 10), _run(15, 10, seed=1)]), best)
-    assert places == [15, 20, 25]
-    assert rows == [[0, 1, 1], [0, 0, 1]]
+    """At each number of episodes that all runs have reached: the last finished generation.
+
+    Lost episodes are those of the configuration.
+    """
+    runs = [_run(10, 10, 10), _run(15, 0, seed=1, gp__population=5, gp__episodes=2)]
+    curves = by_run(read_runs([fake_arm("a", runs)])[0], "until", "fitness_max")
+    assert [*curves.index] == [15, 20, 25]
+    assert sorted(map(list, curves.to_numpy().T)) == [[0, 0, 1], [0, 1, 1]]
 
 
 def test_an_advised_tree_is_no_descendant() -> None:
@@ -85,6 +92,56 @@ def test_an_advised_tree_is_no_descendant() -> None:
         [individual("2.0", "elite", ["1.0"], tiers=("complete",))],
         [individual("3.0", "crossover", ["2.0"], mutation="swap", tiers=("complete",))],
     ]
-    run = fake_run(best=[1.0] * 4, populations=populations, complete=1)
-    assert (first(run, "complete"), first_descendant(run, "complete")) == (1, 3)
-    assert with_advised_ancestor(run) == {"1.0", "2.0", "3.0"}
+    found = values(fake_run(best=[1.0] * 4, populations=populations, complete=1))
+    assert (found["first.complete"], found["first_descendant.complete"]) == (1, 3)
+
+
+OTHER = "PatrolWaypoint\n"
+(POOR,) = [text for text, name in library_names(config()).items() if name == "poor"]
+
+# 1.1 is injected and kept as an elite; 2.1 is its child; 3.1 is a copy of a random tree.
+POPULATIONS = [
+    [individual("0.0", "random"), individual("0.1", "random", tree=OTHER)],
+    [individual("1.0", "crossover", ["0.0", "0.1"]), individual("1.1", "injected", tree=POOR)],
+    [
+        individual("2.0", "elite", ["1.1"], tree=POOR, fitness=9.0),
+        individual("2.1", "crossover", ["1.0", "1.1"]),
+    ],
+    [
+        individual("3.0", "resurrected", ["2.0"], tree=POOR, fitness=5000.0),
+        individual("3.1", "copy", ["0.1"], tree=OTHER),
+        individual("3.2", "elite", ["1.0"]),
+        individual("3.3", "elite", ["1.0"], mutation="swap"),
+        individual("3.4", "elite", ["1.1"], mutation="swap", tree=OTHER),
+        individual("3.5", "injected", mutation="swap"),
+        individual("3.6", "edited", mutation="edit:insert"),
+    ],
+]
+
+
+@pytest.mark.parametrize(
+    ("place", "source", "origin"),
+    [
+        (0, "expert", "injected, unchanged: poor"),
+        (0, "llm", "injected, unchanged: llm"),
+        (1, "expert", "a random tree"),
+        (2, "expert", "bred"),
+        (3, "expert", "bred"),
+        (4, "expert", "bred, with an advised ancestor"),
+        (5, "expert", "bred, with an advised ancestor"),
+        (6, "expert", "edited by the supervisor"),
+    ],
+)
+def test_copies_are_followed_back_to_where_the_tree_arose(
+    place: int, source: str, origin: str
+) -> None:
+    """Drawn, bred, or given as it is, by the name of the library's file, or its writer."""
+    run = fake_run(
+        best=[1.0, 1, 1, 2],
+        populations=POPULATIONS,
+        guided=guidance(tree=POOR if source == "expert" else OTHER, injected=True, source=source),
+    )
+    records = [*RunFolder(run.path).generations()]
+    best = records[3].individuals[place]
+    again = written(run.path / "again", records, run.config, champion=best)
+    assert read_runs([fake_arm("a", [again])])[1]["origin"].item() == origin

@@ -3,34 +3,35 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, replace
+from dataclasses import asdict
 from pathlib import Path
 
 import pytest
 
 from islandgp.compare.arms import (
+    Arm,
+    Run,
     arms_of_sweep,
+    find,
     in_short,
-    named,
-    overview,
+    matches,
     parse_arm,
     parse_selection,
     select_arms,
 )
-from islandgp.compare.runs import RunEntry, find, read
+from islandgp.compare.measures import read_runs
 from islandgp.errors import RunError, StudyError
+from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import flatten
 from islandgp.results import load
 from islandgp.sweep.folder import SweepFile, SweepJob
-from tests.compare.fake_runs import config, fake_run, individual, write_run
+from tests.compare.fake_runs import config, fake_run, written
 from tests.tracking.folders import closed_run
 
 
-def _entry(supervisor: str = "expert", seed: int = 0, **changes: object) -> RunEntry:
+def _entry(supervisor: str = "expert", seed: int = 0, **changes: object) -> Run:
     configuration = config(supervisor, seed, **changes)
-    return RunEntry(
-        Path(f"{supervisor}-{seed}"), configuration, flatten(configuration), finished=True
-    )
+    return Run(Path(f"{supervisor}-{seed}"), configuration, flatten(configuration), finished=True)
 
 
 @pytest.mark.parametrize(
@@ -53,7 +54,7 @@ def _entry(supervisor: str = "expert", seed: int = 0, **changes: object) -> RunE
         ("gp.mutation_rate=much", False),
         ("gp.population=3e1", True),
         ("gp.trees.depth=[2,3.0]", True),
-        ("gp.trees.depth=[ 2e0, 3 ] seed=3", True),
+        ("gp.trees.depth=[ 2, 3 ] seed=3", True),
         ("gp.trees.depth=[2]", False),
         ("name='default' seed=3", True),
         ('name="my sweep"', False),
@@ -66,14 +67,14 @@ def _entry(supervisor: str = "expert", seed: int = 0, **changes: object) -> RunE
 )
 def test_what_people_type(text: str, fits: bool) -> None:
     """Keys of the configuration with YAML values, ranges of seeds, short names, sweep names."""
-    assert parse_selection(text).matches(_entry(seed=3)) is fits
+    assert matches(_entry(seed=3), parse_selection(text)) is fits
 
 
 def test_names_are_texts() -> None:
     """They may hold a space, in quotes; a name that looks like a number is none."""
-    assert parse_selection("seed=0 name='my sweep'").matches(_entry(name="my sweep"))
-    assert parse_selection("name=10").matches(_entry(name="10"))
-    assert not parse_selection("name=1e1").matches(_entry(name="10"))
+    assert matches(_entry(name="my sweep"), parse_selection("seed=0 name='my sweep'"))
+    assert matches(_entry(name="10"), parse_selection("name=10"))
+    assert not matches(_entry(name="10"), parse_selection("name=1e1"))
 
 
 def test_an_arm_has_a_name_and_a_selection() -> None:
@@ -93,13 +94,14 @@ def test_an_empty_selection_lists_the_runs() -> None:
     assert "name=default supervisor=baseline: 1 runs, seeds 4" in str(error.value)
 
 
-def test_a_missing_sweep_is_reported_with_the_existing_ones() -> None:
+def test_a_missing_sweep_is_reported_with_the_existing_ones(tmp_path: Path) -> None:
     """So is a folder without any run."""
-    assert named("default", [_entry()]) == [_entry()]
-    with pytest.raises(StudyError, match="a sweep named nope, found none; there are default"):
-        named("nope", [_entry()])
     with pytest.raises(StudyError, match="there are no runs at all"):
-        named("nope", [])
+        find([tmp_path], "nope")
+    fake_run(folder=tmp_path / "a")
+    assert len(find([tmp_path, tmp_path / "a"], "default")) == 1
+    with pytest.raises(StudyError, match="a sweep named nope, found none; there are default"):
+        find([tmp_path], "nope")
 
 
 def test_a_range_that_is_none() -> None:
@@ -117,55 +119,31 @@ def test_an_unknown_key_is_named() -> None:
 
 
 def test_unfinished_runs_are_left_out_and_named(tmp_path: Path) -> None:
-    """An unfinished run is no data, and the report mentions it."""
-    write_run(fake_run(seed=0), tmp_path / "a")
-    write_run(fake_run(seed=1), tmp_path / "b", finished=False)
-    (arm,), notes = select_arms(["x=supervisor=expert"], find(tmp_path))
+    """An unfinished run is no data, and the report mentions it; an arm needs a finished one."""
+    fake_run(seed=0, folder=tmp_path / "a")
+    run = fake_run(seed=1)
+    records = [*RunFolder(run.path).generations()]
+    written(tmp_path / "b", records, run.config, finished=False)
+    (arm,), notes = select_arms(["x=supervisor=expert"], find([tmp_path]))
     assert arm.seeds == (0,)
     assert "1 runs (b) are left out as unfinished" in notes[0]
-
-
-def test_only_unfinished_runs_are_not_enough(tmp_path: Path) -> None:
-    """An arm of unfinished runs is an error with its own remedy."""
-    write_run(fake_run(), tmp_path / "a", finished=False)
     with pytest.raises(StudyError, match="found 1 unfinished"):
-        select_arms(["x=supervisor=expert"], find(tmp_path))
-
-
-def test_a_folder_is_read_back_as_it_was(tmp_path: Path) -> None:
-    """Records, costs, champion and configuration survive the way over the disk."""
-    two = [individual("0.0", "random"), individual("0.1", "random", tiers=("complete",))]
-    original = fake_run("baseline", 5, best=[1.0], populations=[two])
-    run = replace(original, validation=(7, 8), validation_mean=6.5)
-    write_run(run, tmp_path / "run")
-    (entry,) = find(tmp_path)
-    reread = read(entry)
-    assert (reread.validation, reread.validation_mean) == ((7, 8), 6.5)
-    assert (reread.records, reread.costs, reread.champion) == (run.records, run.costs, run.champion)
-    assert reread.flat == run.flat
-
-
-def test_damaged_records_are_named(tmp_path: Path) -> None:
-    """A cut-off file is an error that names the folder, not a traceback."""
-    write_run(fake_run(), tmp_path / "run")
-    (tmp_path / "run" / "summary.json").write_text("{")
-    with pytest.raises(StudyError, match=r"Expected a file of a finished run in .*changed"):
-        read(find(tmp_path)[0])
+        select_arms(["x=supervisor=expert seed=1"], find([tmp_path]))
 
 
 def test_a_configuration_without_end_is_damaged(tmp_path: Path) -> None:
     """Brackets within brackets do not end the process; the file is named."""
-    write_run(fake_run(), tmp_path / "run")
+    fake_run(folder=tmp_path / "run")
     (tmp_path / "run" / "config.yaml").write_text("[" * 3_000)
     with pytest.raises(RunError, match=r"config\.yaml, found a damaged file"):
-        find(tmp_path)
+        find([tmp_path])
 
 
 def test_edited_records_are_refused(tmp_path: Path) -> None:
     """Digits that were changed by hand, a line too many, a line too few: one line each."""
     folder = closed_run(tmp_path / "one", tmp_path)
-    (entry,) = find(tmp_path)
-    assert len(read(entry).records) == 5
+    arm = Arm("a", "", tuple(find([tmp_path])))
+    assert len(read_runs([arm])[0]) == 5
     file = folder.path / "generations.jsonl"
     sound = file.read_bytes()
     lines = sound.splitlines(keepends=True)
@@ -176,8 +154,8 @@ def test_edited_records_are_refused(tmp_path: Path) -> None:
         b"".join(lines[:-1]),
     ):
         file.write_bytes(edited)
-        with pytest.raises(StudyError, match=damaged) as error:
-            read(entry)
+        with pytest.raises(RunError, match=damaged) as error:
+            read_runs([arm])
         assert "\n" not in str(error.value)
         with pytest.raises(RunError, match=damaged):
             _ = load(tmp_path).generations
@@ -186,13 +164,12 @@ def test_edited_records_are_refused(tmp_path: Path) -> None:
 def test_no_folder_of_runs(tmp_path: Path) -> None:
     """A missing folder is reported with the remedy."""
     with pytest.raises(StudyError, match="--runs FOLDER"):
-        find(tmp_path / "nothing")
+        find([tmp_path / "nothing"])
 
 
 def test_spans() -> None:
     """Numbers in short."""
     assert in_short([0, 1, 2, 5, 7, 8]) == "0-2, 5, 7-8"
-    assert overview([]) == []
 
 
 def test_a_printed_name_selects_an_arm(tmp_path: Path) -> None:
@@ -200,14 +177,14 @@ def test_a_printed_name_selects_an_arm(tmp_path: Path) -> None:
     jobs = []
     for value in (100, 1000, 360):
         for seed in (0, 1):
-            run = fake_run(seed=seed, rewards__events__interaction__base=value)
             folder = f"expert-{value}-{seed}"
-            write_run(run, tmp_path / folder)
+            change = {"rewards__events__interaction__base": value}
+            fake_run(seed=seed, folder=tmp_path / folder, generations=4, **change)
             choices = ("supervisor=expert", f"rewards.events.interaction.base={value}")
             jobs.append(SweepJob(folder, folder, "expert", seed, choices, 41, ""))
     file = SweepFile("0", 1, (), tuple(jobs))
     (tmp_path / "sweep.json").write_text(json.dumps(asdict(file)), encoding="utf-8")
-    runs = find(tmp_path)
+    runs = find([tmp_path])
     arms, notes = arms_of_sweep(runs)
     names = [f"interaction.base={value}" for value in (100, 1000, 360)]
     assert [arm.name for arm in arms] == names == list(file.arms())

@@ -33,7 +33,8 @@ from islandgp.bt.export.declared import declared
 from islandgp.bt.export.import_cpp import read_tree
 from islandgp.bt.export.json import from_json, to_json
 from islandgp.commands.verify_command import verify
-from islandgp.compare.runs import find, read
+from islandgp.compare.arms import Arm, find
+from islandgp.compare.measures import read_runs
 from islandgp.config.compose import planned
 from islandgp.domain import Scene, Schema, Shape
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
@@ -279,9 +280,8 @@ def _setting(folder: Path) -> None:
 
 
 def _compare(folder: Path) -> None:
-    for entry in find(folder):
-        if entry.finished:
-            read(entry)
+    if runs := tuple(run for run in find([folder]) if run.finished):
+        read_runs([Arm("a", "", runs)])
 
 
 def _resume(folder: Path) -> None:

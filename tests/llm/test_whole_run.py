@@ -23,7 +23,6 @@ from islandgp.gp.record import GenerationRecord, RunState, Step
 from islandgp.records.lines import dump
 from islandgp.running.parts import make_supervisor, run_context
 from islandgp.supervision.base import SupervisorLifecycle
-from islandgp.supervision.decisions import decisions
 from islandgp.supervision.llm.questions import Questions
 from islandgp.supervision.replay import Replay
 from tests.composed import composed
@@ -120,9 +119,7 @@ def test_a_run_with_a_fault_in_every_third_answer(tmp_path: Path) -> None:
     assert text.count('"line": "attempt"') == spent["requests"]
     assert lines(replayed(tmp_path / "live", tmp_path / "again")) == lines(steps)
     assert not (tmp_path / "again" / "transcript.jsonl").exists()
-    counted = decisions([[g for g in answers if g is not None]])
-    assert counted.total == 40
-    assert counted.phases["early_exploration"] > 0
+    assert [g.phase for g in answers if g is not None].count("early_exploration") > 0
 
 
 @sweep("script", [lambda _: Fault.SERVER_ERROR, lambda _: Fault.BRACKETS], quick=1)

@@ -110,7 +110,6 @@ def test_the_front_of_a_run(run: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        (["--nodes", "3"], "expected --front with --nodes"),
         (["--front", "--tier", "complete"], "expected --tier without --front"),
         (["--tier", "good"], "--tier: expected one of excellent, complete, full_service"),
         (["--tier", "excellent"], "Expected excellent robots in the last stage"),

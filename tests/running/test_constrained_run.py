@@ -3,19 +3,19 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 from pathlib import Path
+from shutil import copytree
 
 import pytest
 from click.testing import CliRunner
 
 import islandgp
 from islandgp.cli import islandgp as group
-from islandgp.compare.arms import Arm
-from islandgp.compare.champions import TreeResult
+from islandgp.compare.arms import Arm, find
+from islandgp.compare.champions import evaluate_champions
 from islandgp.compare.comparable import compare_arms
-from islandgp.compare.runs import find, read
 from islandgp.compare.tables import arms_table, unseen_table
+from islandgp.evaluation.serial import Serial
 from islandgp.records.folder import RunFolder
 from islandgp.records.values import generation_values, metric_values
 from islandgp.running.report import report
@@ -121,22 +121,19 @@ def test_best(folder: RunFolder) -> None:
     assert "perturbed" in text.splitlines()[0]
 
 
-def test_compare(folder: RunFolder) -> None:
+def test_compare(folder: RunFolder, tmp_path: Path) -> None:
     """A table of the constraints, and columns of the perturbed worlds."""
-    (located,) = find(folder.path)
-    run = read(located)
-    arms = [Arm("a", "", (run,)), Arm("b", "", (replace(run, path=Path("b")),))]
+    other = tmp_path / "b"
+    copytree(folder.path, other)
+    arms = [Arm(name, "", tuple(find([path]))) for name, path in (("a", folder.path), ("b", other))]
     study = compare_arms(arms, force=True)
-    assert study.arms[0].runs[0].feasible == folder.summary()["champion"]["validation"]["feasible"]
-    frame = arms_table(study).frame
+    feasible = folder.summary()["champion"]["validation"]["feasible"]
+    assert list(study.runs["constraints.feasible"]) == [feasible] * 2
+    frame = arms_table(study)
     assert frame["constraints"][0] == "distance at most 200, interactions at most 0"
     assert frame["kept in validation worlds"][0].endswith(" %")
-    label = study.tasks[0].label
-    champions = [
-        TreeResult(arm.name, run.path, 1, label, True, (3.0, 5.0), {}, {}, (2.0, 4.0))
-        for arm, run in study.runs
-    ]
-    columns = unseen_table(study, champions).frame.columns
+    tested = evaluate_champions(study, Serial, worlds=2, trees={})
+    columns = unseen_table(study, tested).columns
     assert {"perturbed (points)", "worst perturbed"} <= set(columns)
 
 

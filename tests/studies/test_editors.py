@@ -96,8 +96,8 @@ def test_yoked(tmp_path: Path) -> None:
 def test_the_page_s_differences_are_those_of_the_shared_seeds() -> None:
     """Each row's pairs, difference, directions and p are computed again from runs.csv."""
     names = ["random_branch", "yoked", "random_tree", "constant", "combined", "expert", "founders"]
-    runs = pd.read_csv(ROOT / "studies/editors/results/runs.csv").fillna({"first_complete": 41})
-    firsts = runs.pivot(index="seed", columns="arm", values="first_complete")
+    runs = pd.read_csv(ROOT / "studies/editors/results/runs.csv").fillna({"first.complete": 41})
+    firsts = runs.pivot(index="seed", columns="arm", values="first.complete")
     page = (ROOT / "studies/editors/README.md").read_text(encoding="utf-8")
     rows = [line.split("|")[2:6] for line in page.splitlines() if line.count("|") == 8][2:]
     for name, row in zip([*names, "baseline", "fixed"], rows, strict=True):

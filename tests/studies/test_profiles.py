@@ -11,8 +11,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from islandgp.compare.figures import DPI, LINES, MARKERS, PALETTE, nth_style, plain
-from islandgp.compare.table import Table
+from islandgp.compare.figures import LINES, MARKERS, PALETTE, nth_style, plain
 from islandgp.errors import StudyError
 from islandgp.statistics import benjamini_hochberg
 from studies.comparison.aggregates import (
@@ -24,6 +23,7 @@ from studies.comparison.aggregates import (
 from studies.comparison.profile_figure import WIDTH, profile_picture
 from studies.comparison.profiles import ALL_WORLDS, Scores, normalised, summarise
 from studies.comparison.score_table import score_table, scores_csv
+from studies.pictures import DPI, Table
 from tests.profiles import sweep
 
 DASH = "\N{EN DASH}"
@@ -212,10 +212,10 @@ def test_names_are_shown_as_they_are() -> None:
 
 def test_no_two_arms_look_alike() -> None:
     """Sixty-four differ, eight of them by the line alone, for pictures in grey."""
-    assert len({nth_style(i) for i in range(64)}) == 64
-    assert len({nth_style(i).line for i in range(8)}) == len(LINES) == 8
-    assert len({nth_style(i).colour for i in range(8)}) == len(PALETTE)
-    assert nth_style(0).marker != nth_style(8).marker
+    assert len({tuple(nth_style(i).values()) for i in range(64)}) == 64
+    assert len({nth_style(i)["linestyle"] for i in range(8)}) == len(LINES) == 8
+    assert len({nth_style(i)["color"] for i in range(8)}) == len(PALETTE)
+    assert nth_style(0)["marker"] != nth_style(8)["marker"]
     assert len(set(MARKERS)) == 8
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 import yaml
 
-from islandgp.gp.record import IndividualRecord, record_values
+from islandgp.gp.record import IndividualRecord
 from islandgp.records.folder import RunFolder
 from islandgp.records.lines import dump
 from islandgp.viewer import lineage as module
@@ -23,7 +23,7 @@ def folder_of(path: Path, populations: list[list[IndividualRecord]], **changes: 
     """A folder with these populations, all of one stage."""
     path.mkdir()
     run = fake_run(populations=populations, best=[1.0] * len(populations), **changes)
-    lines = [record_values(record) for record in run.records]
+    lines = [*RunFolder(run.path).records()]
     for line in lines:
         line["snapshot"]["stage"] = 0
     (path / "generations.jsonl").write_text("".join(f"{dump(line)}\n" for line in lines))

@@ -16,13 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from pandas import DataFrame  # type: ignore[import-untyped] # its stubs are a package apart
 
 from islandgp.bt.core.node import leaf, walk
 from islandgp.compare.comparable import compare_arms
-from islandgp.compare.figures import Picture
-from islandgp.compare.findings import DEFAULT_PLAN
-from islandgp.compare.report import Report, Section, to_page
-from islandgp.compare.table import Table
+from islandgp.compare.report import build, to_page
 from islandgp.domain import Scene, Shape, ShapeStyle
 from islandgp.viewer.encode import GRID
 from islandgp.viewer.page import page
@@ -247,11 +245,10 @@ def test_a_hostile_report_does_nothing(browser: Browser, tmp_path: Path, bad: st
     """Nor does the page of `islandgp compare`, for any names of arms and runs."""
     arms = [fake_arm(name, [fake_run(path=name, seed=k)]) for k, name in enumerate((bad, "b"))]
     study = replace(compare_arms(arms, force=True), comparability_warnings=(bad,))
-    table = Table.of("t", bad, [{"a": bad, bad: "1"}], bad)
+    report = build(study)
+    report.tables["costs"] = DataFrame([{"a": bad, bad: "1"}])
     svg = f'<svg xmlns="http://www.w3.org/2000/svg"><text>{escape(bad)}</text></svg>'
-    picture = Picture("p", bad, bad, svg, b"")
-    section = Section(bad, (table, picture, bad))
-    report = Report(study, DEFAULT_PLAN, (), (), (), (section,))
+    report.figures["curves"] = svg
     path = tmp_path / "report.html"
     path.write_text(to_page(report), encoding="utf-8")
     browser.console.clear()
