@@ -52,8 +52,8 @@ class RewardTable(BaseModel, frozen=True, extra="forbid"):
     """Table 3. An event without a row earns nothing."""
 
     events: dict[str, Reward]
-    normalize: bool = False  # Eq. (2): divide each component by its largest value
-    maxima: dict[str, FiniteFloat] = Field(default_factory=dict)  # by component, for Eq. (2)
+    maxima: dict[str, FiniteFloat] = Field(default_factory=dict)
+    """By component: what its points are divided by, Eq. (2); empty: raw points."""
 
     def faults(self, schema: Schema) -> Iterator[str]:
         """A line for each name that the domain does not declare."""
@@ -63,10 +63,10 @@ class RewardTable(BaseModel, frozen=True, extra="forbid"):
             yield from unknown(where, reward.component, schema.components)
         for name in self.maxima:
             yield from unknown(f"rewards.maxima.{name}", name, schema.components)
-        if self.normalize:
+        if self.maxima:
             for name in schema.components:
                 if self.maxima.get(name, 0) <= 0:
-                    yield f"rewards.maxima.{name}: expected a number above 0, as normalize is on"
+                    yield f"rewards.maxima.{name}: expected a number above 0, as others have one"
 
 
 def unknown(path: str, name: str, known: Mapping[str, object]) -> Iterator[str]:
@@ -85,11 +85,14 @@ NO_REWARD: Final = Reward(component="")
 
 def worth(table: RewardTable, weights: Mapping[str, float]) -> Worth:
     """The function of an event's points by its amount: a term of Eq. (1)."""
-    shares = table.maxima if table.normalize else {}
     rows = {}
     for event, reward in table.events.items():
         name = reward.component
-        rows[event] = (name, _points(reward), float(weights.get(name, 1.0)) / shares.get(name, 1.0))
+        rows[event] = (
+            name,
+            _points(reward),
+            float(weights.get(name, 1.0)) / table.maxima.get(name, 1.0),
+        )
     no_reward = ("", NO_REWARD.points, 0.0)
 
     def value(event: str, amount: float) -> tuple[str, float]:

@@ -130,8 +130,8 @@ def test_fitness_is_the_sum_of_components() -> None:
 
 
 def test_normalisation() -> None:
-    """Eq. (2): with `normalize` each component is divided by its maximum, then multiplied."""
-    scaled = rewards(normalize=True, maxima=MAXIMA)
+    """Eq. (2): with `maxima` each component is divided by its maximum, then multiplied."""
+    scaled = rewards(maxima=MAXIMA)
     stage = composed().curriculum.multipliers(0)  # 2.0, 1.0, 1.5, 1.0, 0.8
     events = [
         ("pickup", 1.0),  # 2 * 300 / 30000 = 0.02
@@ -145,7 +145,7 @@ def test_normalisation() -> None:
     ]
     expected = [0.02, 0.2, 0.08775, 0.025, -1600 / 3000, 0.0065, -0.0025, -0.1]
     assert list(components(scaled, stage, events).values()) == pytest.approx(expected)
-    assert components(rewards(), stage, events)["garbage"] == 600, "maxima alone change nothing"
+    assert components(rewards(), stage, events)["garbage"] == 600
 
 
 # One row
@@ -216,11 +216,11 @@ def test_rows_that_make_no_sense(change: dict[str, object], message: str) -> Non
         ),
         ({"maxima": {}}, []),
         (
-            {"normalize": True, "maxima": {**MAXIMA, "idle": 0}},
-            ["rewards.maxima.idle: expected a number above 0, as normalize is on"],
+            {"maxima": {**MAXIMA, "idle": 0}},
+            ["rewards.maxima.idle: expected a number above 0, as others have one"],
         ),
         (
-            {"normalize": True, "maxima": {"garbage": -1, **dict.fromkeys([*MAXIMA][1:-1], 1)}},
+            {"maxima": {"garbage": -1, **dict.fromkeys([*MAXIMA][1:-1], 1)}},
             ["rewards.maxima.garbage: expected a number", "rewards.maxima.collision: expected a"],
         ),
     ],

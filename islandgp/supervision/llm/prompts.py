@@ -425,7 +425,7 @@ def _rewards(context: RunContext) -> str:
             f" ({each.component})"
             for name, each in rewards.events.items()
         ]
-        if rewards.normalize:
+        if rewards.maxima:
             maxima = ", ".join(f"{name} {value:g}" for name, value in rewards.maxima.items())
             lines.append(f"- each component is divided by its largest value: {maxima}")
     else:
