@@ -10,7 +10,7 @@ With `search` and `evaluate_population` you can write the loop yourself (docs/se
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -80,7 +80,7 @@ class Experiment:
 
     def evaluate_population(
         self,
-        individuals: Sequence[Individual],
+        individuals: Iterable[Individual],
         generation: int = 0,
         *,
         worlds: Iterable[int] | None = None,
@@ -110,8 +110,7 @@ class Experiment:
                 raise ConfigError("worlds: expected at least one seed, found none")
             shared = {"episodes": len(seeds), "shared_seed": True}
             plan = replace(plan, gp=plan.gp.model_copy(update=shared))
-        texts = [to_text(i.tree) for i in individuals]
-        return evaluate(plan, int(generation), individuals, texts, seeds, self._evaluator)
+        return evaluate(plan, int(generation), individuals, seeds, self._evaluator)[0]
 
     def parse(self, text: str) -> Node:
         """Parses a tree with the domain's vocabulary.

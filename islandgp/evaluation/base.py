@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
-from itertools import islice
-from typing import Any, Final, Protocol, Self, runtime_checkable
+from typing import Any, Final, Protocol, Self
 
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node
@@ -154,11 +153,13 @@ class Evaluator(Protocol):
         """Number of episodes simulated so far."""
         ...
 
-    def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
+    def evaluate(self, jobs: Iterable[Job]) -> list[Outcome]:
         """Runs the episodes of jobs.
 
         Args:
-            jobs: one per episode; equal jobs have equal outcomes.
+            jobs: one per episode; equal jobs have equal outcomes. A list, except for an evaluator
+                with an attribute `early` that is True: it starts each job before it takes the next
+                one, which a search may be making.
 
         Returns:
             One outcome per job, in the same order.
@@ -173,36 +174,12 @@ class Evaluator(Protocol):
         ...
 
 
-@runtime_checkable
-class EarlyEvaluator(Protocol):
-    """An evaluator that can run episodes before `evaluate` is called for them."""
-
-    def start(self, job: Job) -> None:
-        """Starts an episode, whose outcome the next `evaluate` returns if the job is in it.
-
-        It raises nothing: an episode that fails is reported by `evaluate`.
-        """
-        ...
-
-
 def evaluated(
-    evaluator: Evaluator,
-    trees: Sequence[str | Node],
-    stage: int,
-    worlds: Sequence[int],
-    *,
-    meanwhile: Callable[[], object] | None = None,
+    evaluator: Evaluator, trees: Sequence[str | Node], stage: int, worlds: Sequence[int]
 ) -> list[list[Outcome]]:
-    """The outcomes of each tree (a node or canonical text) in each world, as nested lists.
-
-    `meanwhile` is called while the episodes run, if the evaluator can start them early.
-    """
+    """The outcomes of each tree (a node or canonical text) in each world, as nested lists."""
     forms = [(t, None) if isinstance(t, str) else (to_text(t), t) for t in trees]
     jobs = [Job(text, stage, world, node) for text, node in forms for world in worlds]
-    if meanwhile is not None and isinstance(evaluator, EarlyEvaluator):
-        for job in jobs:
-            evaluator.start(job)
-        meanwhile()
     outcomes, n = evaluator.evaluate(jobs), len(worlds)
     return [outcomes[i * n : (i + 1) * n] for i in range(len(trees))]
 
@@ -234,39 +211,35 @@ def simulate(problem: Problem, job: Job, limit: float = 0) -> Outcome:
         with TimeLimit(limit):
             domain = problem.in_world(job.stage, job.seed)
             observer = problem.observer and problem.observer(tree, domain.schema.vocabulary)
-            outcome = domain.run_episode(tree, job.seed, weights, observer)
+            outcome = in_floats(domain.run_episode(tree, job.seed, weights, observer))
     except TimeLimitError as late:
         raise EvaluationError(blame(job, f"{late.running}; {RAISE_LIMIT}")) from None
     except (Exception, SystemExit) as error:  # a simulator may call sys.exit
         fault = f"{type(error).__name__}: {str(error).rstrip('.')}{raised_in(error)}"
         raise EvaluationError(blame(job, fault)) from error
-    if not isinstance(outcome, Outcome):
-        raise EvaluationError(blame(job, f"{outcome!r:.200}; return an Outcome from run_episode"))
-    try:
-        outcome = in_floats(outcome)
-    except (TypeError, ValueError, AttributeError) as error:
-        fault = f"an Outcome with values that are not numbers ({error}); correct the domain"
-        raise EvaluationError(blame(job, fault)) from None
-    if not abs(outcome.fitness) < MAX_POINTS:
-        fault = f"{outcome.fitness} points; lower the rewards, or correct the amounts in the domain"
-        raise EvaluationError(blame(job, fault))
     return outcome if observer is None else replace(outcome, observed=observer.result())
 
 
 def in_floats(outcome: Outcome) -> Outcome:
     """The outcome with Python's floats, as records cannot hold NumPy's numbers.
 
-    Raises TypeError or ValueError for a value that is not a number.
+    Raises TypeError or ValueError for what is no outcome, or has a value that is no number.
     """
+    if not isinstance(outcome, Outcome):
+        raise TypeError(f"{outcome!r:.200}; return an Outcome from run_episode")
     values = (*outcome.components.values(), *outcome.counters.values(), outcome.seconds)
-    if all(type(value) is float for value in values):
-        return outcome
-    return replace(
-        outcome,
-        components={name: float(value) for name, value in outcome.components.items()},
-        counters={name: float(value) for name, value in outcome.counters.items()},
-        seconds=float(outcome.seconds),
-    )
+    if not all(type(value) is float for value in values):
+        outcome = replace(
+            outcome,
+            components={name: float(value) for name, value in outcome.components.items()},
+            counters={name: float(value) for name, value in outcome.counters.items()},
+            seconds=float(outcome.seconds),
+        )
+    if not abs(outcome.fitness) < MAX_POINTS:
+        raise ValueError(
+            f"{outcome.fitness} points; lower the rewards, or correct the amounts in the domain"
+        )
+    return outcome
 
 
 MAX_POINTS: Final = 1e100  # of an episode, so that their squares in statistics are finite
@@ -293,7 +266,7 @@ class Cached:
 
     def __init__(self, inner: Evaluator) -> None:
         self.inner = inner
-        self._early = inner if isinstance(inner, EarlyEvaluator) else None
+        self.early = getattr(inner, "early", False)
         self._known: dict[Job, Outcome] = {}
 
     @property
@@ -301,19 +274,23 @@ class Cached:
         """Number of episodes simulated so far, excluding those from the cache."""
         return self.inner.simulated
 
-    def start(self, job: Job) -> None:
-        """See `EarlyEvaluator`."""
-        if self._early is not None and job not in self._known:
-            self._early.start(job)
-
-    def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
+    def evaluate(self, jobs: Iterable[Job]) -> list[Outcome]:
         """See `Evaluator`."""
-        new = [job for job in dict.fromkeys(jobs) if job not in self._known]
-        keys = [Job(job.tree, job.stage, job.seed) for job in new]  # without the nodes
-        self._known.update(zip(keys, self.inner.evaluate(new), strict=True))
-        outcomes = [self._known[job] for job in jobs]
-        excess = len(self._known) - max(MAX_CACHED, len(new))
-        for job in [*islice(self._known, max(0, excess))]:
+        asked: list[Job] = []
+        new: dict[Job, None] = {}
+
+        def unknown() -> Iterator[Job]:
+            for job in jobs:
+                key = Job(job.tree, job.stage, job.seed)  # without the node
+                asked.append(key)
+                if key not in self._known and key not in new:
+                    new[key] = None
+                    yield job
+
+        outcomes = self.inner.evaluate(unknown() if self.early else list(unknown()))
+        self._known.update(zip(new, outcomes, strict=True))
+        outcomes = [self._known[job] for job in asked]
+        for job in list(self._known)[: -max(MAX_CACHED, len(new))]:
             del self._known[job]
         return outcomes
 

@@ -9,26 +9,24 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from difflib import get_close_matches
-from math import isfinite
 from typing import Any, Final, TypeAlias
 
-from pydantic import BaseModel, Field, ValidationError, field_validator
+from pydantic import BaseModel, Field, FiniteFloat, ValidationError, field_validator
 
 from islandgp.domain import MAX_DELAY, Domain, Schema, SensorFaults
 from islandgp.errors import IslandError, brief
 from islandgp.plugin import path_of
 from islandgp.seeding import Stream, stream
 
-MAX_RANGES: Final = 100
 CACHE_SIZE: Final = 64  # size of a process's cache of perturbed domains
 
-Span: TypeAlias = tuple[float, float]
+Span: TypeAlias = tuple[FiniteFloat, FiniteFloat]
 
 
 class Perturbation(BaseModel, frozen=True, extra="forbid"):
     """The key `perturb`: how worlds differ from the configured one."""
 
-    world: dict[str, Span] = Field(default_factory=dict)
+    world: dict[str, Span] = Field(default_factory=dict, max_length=100)
     """Least and greatest value of settings of the group `world`, nested or by dotted name. Whole
     numbers stay whole."""
     noise: float = Field(default=0.0, ge=0, le=100)  # multiple of the keys' declared noise
@@ -37,33 +35,27 @@ class Perturbation(BaseModel, frozen=True, extra="forbid"):
 
     @field_validator("world", mode="before")
     @classmethod
-    def _ranges(cls, world: Any) -> dict[str, Span]:
-        if not isinstance(world, Mapping):
-            message = f"expected ranges by setting, found {world!r:.50}"
-            raise ValueError(message)  # noqa: TRY004 -- pydantic's
-        settings = _flat(world)
-        if len(settings) > MAX_RANGES:
-            raise ValueError(f"expected at most {MAX_RANGES} ranges, found {len(settings)}")
-        for name, span in settings.items():
-            numbers = isinstance(span, list | tuple) and all(
-                _is_number(value) and isfinite(value) for value in span
-            )
-            if not numbers or len(span) != 2 or span[0] > span[1]:
-                raise ValueError(f"expected {name}: [LEAST, GREATEST], found {span!r:.50}")
-        return settings
+    def _flattened(cls, world: Any) -> Any:
+        return _flat(world) if isinstance(world, Mapping) else world
+
+    @field_validator("world")
+    @classmethod
+    def _ranges(cls, world: dict[str, Span]) -> dict[str, Span]:
+        for name, (least, most) in world.items():
+            if least > most:
+                raise ValueError(f"expected {name}: [LEAST, GREATEST], found [{least}, {most}]")
+        return world
 
     def changes(self, world: Mapping[str, Any], seed: int) -> dict[str, Any]:
-        """The changed settings of the perturbed world with this seed, as plain values."""
+        """The changed settings of the perturbed world with this seed, by dotted name."""
         rng = stream(seed, Stream.PERTURBATION)
         settings = _flat(world)
-        return _nested(
-            {
-                name: int(rng.integers(int(least), int(most) + 1))
-                if isinstance(settings[name], int)
-                else float(rng.uniform(least, most))
-                for name, (least, most) in sorted(self.world.items())
-            }
-        )
+        return {
+            name: int(rng.integers(int(least), int(most) + 1))
+            if isinstance(settings[name], int)
+            else float(rng.uniform(least, most))
+            for name, (least, most) in sorted(self.world.items())
+        }
 
     def sensors(self) -> SensorFaults | None:
         """The faults of the sensors; None: they have none."""
@@ -80,15 +72,11 @@ class Perturbation(BaseModel, frozen=True, extra="forbid"):
         """A line for each part of the perturbation that the domain does not support."""
         if not (self.world or self.noise or self.delay):
             yield "perturb: expected world, noise or delay, found nothing to perturb; give one"
-        plain = world.model_dump()
-        wrong = [*self._wrong_ranges(plain)]
         if self.world:
-            yield from wrong or self._wrong_ends(factory, world, rewards, plain)
+            wrong = [*self._wrong_ranges(_flat(world.model_dump()))]
+            yield from wrong or self._wrong_ends(factory, world, rewards)
         if self.noise and not any(key.noise for key in schema.vocabulary.keys.values()):
-            yield (
-                "perturb.noise: expected a domain whose keys declare noise, found none; leave it"
-                " out"
-            )
+            yield "perturb.noise: expected a domain whose keys declare noise; leave it out"
         if self.delay > schema.delay:
             yield (
                 f"perturb.delay: expected at most {schema.delay} ticks, as the domain declares,"
@@ -100,36 +88,28 @@ class Perturbation(BaseModel, frozen=True, extra="forbid"):
                 " it, or leave noise and delay out"
             )
 
-    def _wrong_ranges(self, world: Mapping[str, Any]) -> Iterator[str]:
-        numbers = {name: value for name, value in _flat(world).items() if _is_number(value)}
+    def _wrong_ranges(self, settings: Mapping[str, Any]) -> Iterator[str]:
         for name, (least, most) in self.world.items():
-            path = f"perturb.world.{name}"
-            if name not in numbers:
-                last_name = name.rpartition(".")[2]
-                same = [other for other in numbers if other.rpartition(".")[2] == last_name]
-                near = same or get_close_matches(name, numbers, 1, 0.5)
-                hint = f"did you mean perturb.world.{near[0]}?" if near else "it is no number"
+            path, value = f"perturb.world.{name}", settings.get(name)
+            if isinstance(value, bool) or not isinstance(value, int | float):
+                near = get_close_matches(name, settings, 1, 0.5)
+                hint = f"did you mean perturb.world.{near[0]}?" if near else "leave it out"
                 yield f"{path}: expected a number among the world's settings, found none; {hint}"
-            elif isinstance(numbers[name], int) and (least % 1 or most % 1):
+            elif isinstance(value, int) and (least % 1 or most % 1):
                 yield f"{path}: expected whole numbers, found [{least:g}, {most:g}]"
 
-    def _wrong_ends(
-        self, factory: Any, world: BaseModel, rewards: Any, plain: Mapping[str, Any]
-    ) -> Iterator[str]:
+    def _wrong_ends(self, factory: Any, world: BaseModel, rewards: Any) -> Iterator[str]:
         """A line if the world does not accept all lower ends, or all upper ends, of the ranges."""
-        settings = _flat(plain)
         for end, extreme in enumerate(("least", "greatest")):
-            values = {name: type(settings[name])(span[end]) for name, span in self.world.items()}
+            values = {name: span[end] for name, span in self.world.items()}
             try:
-                factory.make(staged(world, _nested(values)), rewards)
-            except ValidationError as error:
-                first = error.errors(include_url=False)[0]
-                path = ".".join(map(str, ("perturb.world", *first["loc"])))
-                message = first["msg"].removeprefix("Value error, ")
-                yield f"{path}: {message[:1].lower()}{message[1:]}, with the {extreme} values"
-                return
-            except IslandError as error:
-                yield f"perturb.world: with the {extreme} values: {brief(error)}"
+                factory.make(staged(world, values), rewards)
+            except (ValidationError, IslandError) as error:
+                found = brief(error)
+                if isinstance(error, ValidationError):
+                    first = error.errors(include_url=False)[0]
+                    found = f"{'.'.join(map(str, first['loc']))}: {first['msg']}"
+                yield f"perturb.world: with the {extreme} values: {found}"
                 return
 
 
@@ -158,18 +138,22 @@ class PerturbedWorlds:
 
 
 def staged(world: BaseModel, changes: Mapping[str, Any]) -> BaseModel:
-    """The settings with changes. Raises pydantic.ValidationError if they are invalid."""
-    return type(world).model_validate(_merged(world.model_dump(), changes)) if changes else world
+    """The settings with changes, nested or by dotted name.
 
-
-def _merged(old: Mapping[str, Any], new: Mapping[str, Any]) -> dict[str, Any]:
-    merged = {
-        key: _merged(old[key], value)
-        if isinstance(value, Mapping) and isinstance(old.get(key), Mapping)
-        else value
-        for key, value in new.items()
-    }
-    return {**old, **merged}
+    Raises pydantic.ValidationError if they are invalid.
+    """
+    if not changes:
+        return world
+    settings = world.model_dump()
+    for name, value in _flat(changes).items():
+        *above, last = name.split(".")
+        place = settings
+        for part in above:
+            if not isinstance(place.get(part), dict):
+                place[part] = {}
+            place = place[part]
+        place[last] = value
+    return type(world).model_validate(settings)
 
 
 def recorded_perturbation(config: Mapping[str, Any]) -> Perturbation | None:
@@ -185,19 +169,3 @@ def _flat(values: Mapping[Any, Any], path: str = "") -> dict[str, Any]:
         nested = isinstance(value, Mapping)
         flat |= _flat(value, f"{path}{key}.") if nested else {f"{path}{key}": value}
     return flat
-
-
-def _is_number(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool)
-
-
-def _nested(values: Mapping[str, Any]) -> dict[str, Any]:
-    """Values by dotted name as nested mappings."""
-    nested: dict[str, Any] = {}
-    for name, value in values.items():
-        *above, last = name.split(".")
-        place = nested
-        for part in above:
-            place = place.setdefault(part, {})
-        place[last] = value
-    return nested

@@ -10,10 +10,10 @@ from __future__ import annotations
 import os
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from concurrent.futures import Future, wait
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from errno import ENOSPC
 from math import inf
 from multiprocessing import resource_tracker
@@ -109,6 +109,7 @@ class Processes:
     """The evaluator for one machine."""
 
     Settings = ProcessesSettings
+    early = True
 
     @classmethod
     def make(cls, settings: ProcessesSettings, problem: Problem) -> Processes:
@@ -124,42 +125,35 @@ class Processes:
         self.workers = workers
         self.episode_timeout = episode_timeout
         self.simulated = 0
-        self._early: dict[Job, Future[Outcome]] = {}  # started before `evaluate` is called
         self._pool: ProcessPoolExecutor | None = None
 
-    def start(self, job: Job) -> None:
-        """See `EarlyEvaluator`."""
-        if job not in self._early:
-            with suppress(BrokenProcessPool):  # `evaluate` submits the job again
-                self._early[job] = self._submitted(job)
-
-    def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
+    def evaluate(self, jobs: Iterable[Job]) -> list[Outcome]:
         """See `Evaluator`."""
-        self.simulated += len(jobs)
-        early, self._early = self._early, {}
+        following, taken, futures = iter(jobs), list[Job](), list[Future[Outcome]]()
         done: dict[Job, Outcome] = {}
         try:
-            futures = [early.get(job) or self._submitted(job) for job in jobs]
-            for job, future in zip(jobs, futures, strict=True):
+            for job in following:
+                taken.append(job)
+                futures.append(self._submitted(job))
+            for job, future in zip(taken, futures, strict=True):
                 done[job] = self._result(job, future)
         except BrokenProcessPool:  # a worker died, now or between two calls
             self.close()
-            for job in jobs:
+            taken += following
+            for job in taken:
                 if job not in done:
-                    done[job] = self._alone(job)
-        return [done[job] for job in jobs]
+                    done[job] = self._again(job)
+        self.simulated += len(taken)
+        return [done[job] for job in taken]
 
-    def _alone(self, job: Job) -> Outcome:
-        """Runs a job while no other one runs; raises EvaluationError if its worker dies twice."""
-        for last in (False, True):
-            try:
-                return self._result(job, self._submitted(job))
-            except BrokenProcessPool as error:
-                self.close()
-                if last:
-                    fault = f"that its worker died twice ({brief(error)})"
-                    raise EvaluationError(blame(job, fault)) from None
-        raise AssertionError
+    def _again(self, job: Job) -> Outcome:
+        """Runs a job while no other one runs; raises EvaluationError if its worker dies again."""
+        try:
+            return self._result(job, self._submitted(job))
+        except BrokenProcessPool as error:
+            self.close()
+            fault = f"that its worker died twice ({brief(error)})"
+            raise EvaluationError(blame(job, fault)) from None
 
     def _submitted(self, job: Job) -> Future[Outcome]:
         """Submits a job; starts the pool if there is none.

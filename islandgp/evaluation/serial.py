@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable
 
 from pydantic import BaseModel, Field
 
@@ -32,10 +32,11 @@ class Serial:
         self.episode_timeout = episode_timeout
         self.simulated = 0
 
-    def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
+    def evaluate(self, jobs: Iterable[Job]) -> list[Outcome]:
         """See `Evaluator`."""
-        self.simulated += len(jobs)
-        return [simulate(self.problem, job, self.episode_timeout) for job in jobs]
+        outcomes = [simulate(self.problem, job, self.episode_timeout) for job in jobs]
+        self.simulated += len(outcomes)
+        return outcomes
 
     def close(self) -> None:
         """See `Evaluator`."""

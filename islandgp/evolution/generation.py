@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache
 from math import inf
 from time import perf_counter
 
 from islandgp.bt.core.language import to_text
 from islandgp.domain import Outcome, total
-from islandgp.evaluation.base import EarlyEvaluator, Evaluator, Job, evaluated
+from islandgp.evaluation.base import Evaluator, Job, evaluated
 from islandgp.evolution.edit_trials import compare_with_parents
 from islandgp.evolution.search_calls import asked_of
 from islandgp.gp.archive import ArchiveUpdate, Elite, cell_of, update_archive
@@ -66,10 +65,9 @@ def evaluate_generation(
     """
     plan, g = parts.plan, state.generation
     worlds = training_seeds(plan, parts.streams.seed, g)
-    individuals, texts, started = newcomers(parts, search_state, worlds)
-    population = evaluate(plan, g, individuals, texts, worlds, parts.evaluator)
-    summary = cache(lambda: summarized(plan, g, state.advice.rate, population, texts))
-    archive = archived(parts, state.archive, population, texts, worlds, g, meanwhile=summary)
+    individuals = asked_of(parts.search, search_state, parts.streams, plan)
+    population, texts, started = evaluate(plan, g, individuals, worlds, parts.evaluator)
+    archive = archived(parts, state.archive, population, texts, worlds, g)
     trials, of_trials = compare_with_parents(
         plan,
         population,
@@ -80,7 +78,7 @@ def evaluate_generation(
         stage=plan.curriculum.stage(g),
     )
     seconds = perf_counter() - started
-    stats, records = summary()
+    stats, records = summarized(plan, g, state.advice.rate, population, texts)
     return EvaluatedGeneration(
         worlds,
         population,
@@ -123,39 +121,44 @@ def training_seeds(plan: Plan, seed: int, generation: int) -> tuple[int, ...]:
     return tuple(seed_of(seed, Stream.WORLD, generation=drawn_at, slot=i) for i in range(n))
 
 
-def jobs_of(
-    plan: Plan, generation: int, slot: int, individual: Individual, text: str, worlds: Sequence[int]
-) -> list[Job]:
-    """The episodes of the individual in a slot; `text` is its canonical text."""
-    n, stage = plan.gp.episodes, plan.curriculum.stage(generation)
-    first = 0 if plan.gp.shared_seed else slot * n
-    return [Job(text, stage, world, individual.tree) for world in worlds[first : first + n]]
-
-
 def evaluate(
     plan: Plan,
     generation: int,
-    population: Sequence[Individual],
-    texts: Sequence[str],
+    individuals: Iterable[Individual],
     worlds: Sequence[int],
     evaluator: Evaluator,
-) -> tuple[Evaluated, ...]:
-    """Evaluates individuals in the worlds; `texts` are their canonical texts."""
-    n = plan.gp.episodes
-    jobs = [
-        job
-        for slot, (individual, text) in enumerate(zip(population, texts, strict=True))
-        for job in jobs_of(plan, generation, slot, individual, text, worlds)
-    ]
-    outcomes = evaluator.evaluate(jobs)
+) -> tuple[tuple[Evaluated, ...], list[str], float]:
+    """The evaluated individuals, their canonical texts, and when their episodes started.
+
+    Episodes start while the next individuals are made, if the evaluator supports it.
+    """
+    n, stage = plan.gp.episodes, plan.curriculum.stage(generation)
+    made: list[Individual] = []
+    texts: list[str] = []
+    first = inf
+
+    def jobs() -> Iterator[Job]:
+        nonlocal first
+        for slot, individual in enumerate(individuals):
+            made.append(individual)
+            texts.append(to_text(individual.tree))
+            first = min(first, perf_counter())
+            at = 0 if plan.gp.shared_seed else slot * n
+            for world in worlds[at : at + n]:
+                yield Job(texts[-1], stage, world, individual.tree)
+
+    early = getattr(evaluator, "early", False)
+    batch = jobs() if early else list(jobs())
+    started = perf_counter()
+    outcomes = evaluator.evaluate(batch)
     results = []
-    for k, individual in enumerate(population):
+    for k, individual in enumerate(made):
         episodes = outcomes[k * n : (k + 1) * n]
         o, points = mean_outcome(episodes), tuple(episode.fitness for episode in episodes)
         excess = violation(o.counters, plan.constraints)
         labels = classify(o, plan.classes)
         results.append(Evaluated(individual, o, labels, o.fitness, points, excess))
-    return tuple(results)
+    return tuple(results), texts, first if early else started
 
 
 def mean_outcome(outcomes: Sequence[Outcome]) -> Outcome:
@@ -172,28 +175,6 @@ def mean_outcome(outcomes: Sequence[Outcome]) -> Outcome:
     )
 
 
-def newcomers(
-    parts: Parts, state: SearchState, worlds: Sequence[int]
-) -> tuple[list[Individual], list[str], float]:
-    """The individuals of a generation, their texts, and when their first episode can have started.
-
-    Episodes start while the search makes the next individuals, if the evaluator supports it.
-    """
-    plan, evaluator, g = parts.plan, parts.evaluator, state.generation
-    individuals: list[Individual] = []
-    texts: list[str] = []
-    started = inf
-    early = evaluator if isinstance(evaluator, EarlyEvaluator) else None
-    for slot, individual in enumerate(asked_of(parts.search, state, parts.streams, plan)):
-        individuals.append(individual)
-        texts.append(to_text(individual.tree))
-        if early is not None:
-            started = min(started, perf_counter())
-            for job in jobs_of(plan, g, slot, individual, texts[-1], worlds):
-                early.start(job)
-    return individuals, texts, min(started, perf_counter())
-
-
 def archived(
     parts: Parts,
     before: Sequence[Elite],
@@ -201,13 +182,8 @@ def archived(
     texts: Sequence[str],
     worlds: Sequence[int],
     generation: int,
-    *,
-    meanwhile: Callable[[], object],
 ) -> ArchiveUpdate:
-    """The archive after a generation; elites are re-evaluated in worlds of a separate stream.
-
-    `meanwhile` is called while these episodes run, if the evaluator can start them early.
-    """
+    """The archive after a generation; elites are re-evaluated in worlds of a separate stream."""
     plan, seed = parts.plan, parts.streams.seed
     stage, n = plan.curriculum.stage(generation), plan.gp.episodes
     worlds_of_elites = [
@@ -233,7 +209,7 @@ def archived(
 
     def reevaluate(trees: Sequence[str]) -> list[float | None]:
         asked = [nodes.get(text, text) for text in trees]
-        results = evaluated(parts.evaluator, asked, stage, worlds_of_elites, meanwhile=meanwhile)
+        results = evaluated(parts.evaluator, asked, stage, worlds_of_elites)
         return [
             None
             if mean_violation(outcomes, plan.constraints)

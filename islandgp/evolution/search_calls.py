@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 
 from islandgp.bt.core.node import Node, names_in, size_and_depth
@@ -13,7 +13,7 @@ from islandgp.gp.population import Advice, Evaluated, Individual
 from islandgp.gp.record import RunState
 from islandgp.plain import from_json, to_json
 from islandgp.plugin import path_of, plugin_errors
-from islandgp.search.base import LearningSearch, Search, SearchState, StreamingSearch
+from islandgp.search.base import LearningSearch, Search, SearchState
 from islandgp.seeding import Streams
 
 
@@ -27,23 +27,13 @@ def asked_of(
     """
     slot = -1
     with plugin_errors(path_of(type(search))):
-        for slot, individual in enumerate(_ask(search)(state, streams)):
+        for slot, individual in enumerate(search.ask(state, streams)):
             if slot == plan.gp.population:
                 raise ValueError(f"{_expected(plan)} more")
             _must_be_individual(individual, f"{state.generation}.{slot}", plan)
             yield individual
         if slot < 0:
             raise ValueError(f"{_expected(plan)} none")
-
-
-def _ask(search: Search) -> Callable[[SearchState, Streams], Iterable[Individual]]:
-    """The search's `ask_each`, or `ask` if it has no other, or if a subclass has changed `ask`."""
-    if not isinstance(search, StreamingSearch):
-        return search.ask
-    names = (
-        name for kind in type(search).__mro__ for name in ("ask_each", "ask") if name in vars(kind)
-    )
-    return search.ask_each if next(names, "") == "ask_each" else search.ask
 
 
 def _expected(plan: Plan) -> str:

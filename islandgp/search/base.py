@@ -13,7 +13,7 @@ records depend neither on the number of workers nor on whether a run was resumed
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Final, Protocol, runtime_checkable
 
@@ -74,8 +74,10 @@ class Search(Protocol):
         """Returns the state before generation 0."""
         ...
 
-    def ask(self, state: SearchState, streams: Streams) -> tuple[Individual, ...]:
+    def ask(self, state: SearchState, streams: Streams) -> Iterable[Individual]:
         """Generates the individuals of one generation.
+
+        If it yields them one by one, each is evaluated while the search makes the next one.
 
         Args:
             state: as returned by `start` or the last `tell`.
@@ -101,18 +103,6 @@ class Search(Protocol):
         Returns:
             The state of the next generation, `state.generation + 1`.
         """
-        ...
-
-
-@runtime_checkable
-class StreamingSearch(Protocol):
-    """A search that can also yield the individuals of `ask` one by one.
-
-    The loop evaluates each of them while the search makes the next one.
-    """
-
-    def ask_each(self, state: SearchState, streams: Streams) -> Iterator[Individual]:
-        """Yields the individuals that `ask` returns, in the same order."""
         ...
 
 

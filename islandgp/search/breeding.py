@@ -275,12 +275,8 @@ class BreedingSearch(ABC, Generic[S]):
         """See `Search`."""
         return SearchState(0)
 
-    def ask(self, state: SearchState, streams: Streams) -> tuple[Individual, ...]:
+    def ask(self, state: SearchState, streams: Streams) -> Iterator[Individual]:
         """See `Search`."""
-        return tuple(self.ask_each(state, streams))
-
-    def ask_each(self, state: SearchState, streams: Streams) -> Iterator[Individual]:
-        """See `StreamingSearch`."""
         contents = self.plan_first(streams) if state.memory is None else self.plan_next(state)
         return new_generation(self.plan, streams, state, contents, self.settings.breeding)
 

@@ -64,11 +64,7 @@ class Paper:
         """See `Search`."""
         return SearchState(0)
 
-    def ask(self, state: SearchState, streams: Streams) -> tuple[Individual, ...]:
-        """See `Search`."""
-        return tuple(self.ask_each(state, streams))
-
-    def ask_each(self, state: SearchState, streams: Streams) -> Iterator[Individual]:
+    def ask(self, state: SearchState, streams: Streams) -> Iterator[Individual]:
         """Line 2 of Algorithm 1 for generation 0, lines 8 to 15 for the others."""
         if state.memory is None:
             return first_population(self.plan, streams)

@@ -58,12 +58,8 @@ class RandomSearch:
         """See `Search`."""
         return SearchState(0)
 
-    def ask(self, state: SearchState, streams: Streams) -> tuple[Individual, ...]:
-        """See `Search`."""
-        return tuple(self.ask_each(state, streams))
-
-    def ask_each(self, state: SearchState, streams: Streams) -> Iterator[Individual]:
-        """See `StreamingSearch`; the founders, if there are any, come first."""
+    def ask(self, state: SearchState, streams: Streams) -> Iterator[Individual]:
+        """See `Search`; the founders, if there are any, come first."""
         if state.memory is None:
             contents = GenerationPlan(initial_trees=self.plan.founders)
         else:

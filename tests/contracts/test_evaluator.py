@@ -21,7 +21,7 @@ from islandgp.bt.core.node import leaf
 from islandgp.domain import Outcome, Reward, RewardTable
 from islandgp.errors import DomainError, EvaluationError
 from islandgp.evaluation import processes
-from islandgp.evaluation.base import Cached, EarlyEvaluator, Evaluator, Job, Problem, simulate
+from islandgp.evaluation.base import Cached, Evaluator, Job, Problem, simulate
 from islandgp.evaluation.processes import Processes
 from islandgp.evaluation.serial import Serial
 from islandgp.scoring.curriculum import Curriculum, Stage
@@ -116,13 +116,18 @@ def test_a_job_that_cannot_be_run_is_named(evaluator: Evaluator) -> None:
     assert evaluator.evaluate(JOBS[:2]) == list(EXPECTED[:2])
 
 
-def test_early_episodes_have_the_same_outcomes(evaluator: Evaluator) -> None:
-    """Episodes started early, twice or for nothing; the others start in `evaluate`."""
-    if isinstance(evaluator, EarlyEvaluator):
-        for job in (*JOBS[:5], JOBS[0], Job("NoSuchAction", 0, 77)):
-            evaluator.start(job)
-    assert tuple(evaluator.evaluate(JOBS[1:])) == EXPECTED[1:]
-    assert tuple(evaluator.evaluate(JOBS)) == EXPECTED
+def test_jobs_may_be_made_one_by_one(evaluator: Evaluator) -> None:
+    """An early evaluator takes a generator, also if the making of a job fails."""
+
+    def failing() -> Iterator[Job]:
+        yield JOBS[0]
+        raise ArithmeticError
+
+    if getattr(evaluator, "early", False):
+        assert tuple(evaluator.evaluate(job for job in JOBS)) == EXPECTED
+        with pytest.raises(ArithmeticError):
+            evaluator.evaluate(failing())
+        assert tuple(evaluator.evaluate(JOBS)) == EXPECTED
 
 
 def kill_workers() -> None:
@@ -134,18 +139,20 @@ def kill_workers() -> None:
         time.sleep(0.01)
 
 
-def test_early_episodes_of_workers_that_die_are_run_again() -> None:
-    """Whether they die before an early start or after it."""
+def test_jobs_are_run_again_if_workers_die_while_they_are_made() -> None:
+    """Whether they die before the first job or after some."""
     pool = Processes(SETTING, 2)
+
+    def jobs(at: int) -> Iterator[Job]:
+        for k, job in enumerate(JOBS):
+            if k == at:
+                kill_workers()
+            yield job
+
     try:
-        for started in (0, 4):
+        for at in (0, 4):
             pool.evaluate(JOBS[:4])
-            for job in JOBS[:started]:
-                pool.start(job)
-            kill_workers()
-            for job in JOBS[started:]:
-                pool.start(job)
-            assert tuple(pool.evaluate(JOBS)) == EXPECTED
+            assert tuple(pool.evaluate(jobs(at))) == EXPECTED
     finally:
         pool.close()
 

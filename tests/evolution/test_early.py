@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from dataclasses import replace
+from collections.abc import Iterable, Iterator
 
+from islandgp.domain import Outcome
 from islandgp.evaluation.base import Job
 from islandgp.evolution.loop import evolve
 from islandgp.gp.population import Individual
@@ -18,15 +18,18 @@ from tests.search.searches import search_and_plan
 
 
 class Early(Fake):
-    """See `EarlyEvaluator`; keeps the jobs that were started."""
+    """An early evaluator; keeps the jobs that were started."""
 
     def __init__(self) -> None:
         super().__init__()
         self.started: list[Job] = []
 
-    def start(self, job: Job) -> None:
-        """See `EarlyEvaluator`."""
-        self.started.append(job)
+    early = True
+
+    def evaluate(self, jobs: Iterable[Job]) -> list[Outcome]:
+        """See `Evaluator`."""
+        batch = [self.started.append(job) or job for job in jobs]  # type: ignore[func-returns-value]
+        return super().evaluate(batch)
 
 
 def hill(kind: type[Hill]) -> Hill:
@@ -41,22 +44,9 @@ def steps(evaluator: Fake, kind: type[Hill] = Hill, *overrides: str) -> list[Ste
     return list(evolve(early_plan, 1, Constant(), evaluator, search=hill(kind)))
 
 
-def test_every_job_of_a_generation_starts_early_and_records_are_the_same() -> None:
-    """The jobs of `evaluate` start in their order."""
-    early, plain = Early(), Fake()
-    assert list(lines(steps(early))) == list(lines(steps(plain)))
-    jobs = [job for batch in early.batches if len(batch) == 24 for job in batch]
-    assert early.started == jobs
-    assert len(jobs) == 3 * 24
-
-
-def test_the_further_episodes_of_elites_start_early() -> None:
-    """They run while the generation is summarized, and records are the same."""
-    early, plain = Early(), Fake()
-    further = "archive.reevaluations=1"
-    assert list(lines(steps(early, Hill, further))) == list(lines(steps(plain, Hill, further)))
-    assert early.started == [job for batch in early.batches for job in batch]
-    assert len(early.batches) > 3
+def test_early_episodes_give_the_same_records() -> None:
+    """An early evaluator gets the jobs one by one, another one gets a list."""
+    assert list(lines(steps(Early()))) == list(lines(steps(Fake())))
 
 
 def test_an_episode_starts_before_the_next_individual_is_made() -> None:
@@ -64,23 +54,10 @@ def test_an_episode_starts_before_the_next_individual_is_made() -> None:
     evaluator, starts = Early(), list[int]()
 
     class Watched(Hill):
-        def ask_each(self, state: SearchState, streams: Streams) -> Iterator[Individual]:
-            for individual in super().ask_each(state, streams):
+        def ask(self, state: SearchState, streams: Streams) -> Iterator[Individual]:
+            for individual in super().ask(state, streams):
                 starts.append(len(evaluator.started))
                 yield individual
 
     steps(evaluator, Watched)
     assert starts == list(range(0, 3 * 24, 2))
-
-
-def test_a_subclass_that_changes_ask_is_asked() -> None:
-    """`ask_each` of its base class would yield other individuals."""
-
-    class Reversed(Hill):
-        def ask(self, state: SearchState, streams: Streams) -> tuple[Individual, ...]:
-            individuals = super().ask(state, streams)
-            trees = [i.tree for i in reversed(individuals)]
-            return tuple(replace(i, tree=tree) for i, tree in zip(individuals, trees, strict=True))
-
-    usual, changed = (steps(Early(), kind)[0].record.individuals for kind in (Hill, Reversed))
-    assert [i.tree for i in changed] == [i.tree for i in usual][::-1]

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Any
 
-from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.language import parse
 from islandgp.evolution.generation import evaluate, training_seeds
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Advice, Evaluated, Individual, Origin
@@ -58,8 +58,6 @@ def generations(
     streams, fake, state, populations = Streams(seed), Fake(), search.start(), []
     for g in range(n):
         population = search.ask(state, streams)
-        texts = [to_text(i.tree) for i in population]
-        worlds = training_seeds(plan, seed, g)
-        populations.append(evaluate(plan, g, population, texts, worlds, fake))
+        populations.append(evaluate(plan, g, population, training_seeds(plan, seed, g), fake)[0])
         state = search.tell(state, populations[-1], advice)
     return populations, state

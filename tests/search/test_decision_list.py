@@ -101,7 +101,7 @@ def generations(search: Any, plan: Any) -> Iterator[tuple[Any, list[float]]]:
     truth = Condition("angle", ">", 0.05)
     state = search.start()
     for _ in range(plan.gp.generations):
-        individuals = search.ask(state, Streams(3))
+        individuals = tuple(search.ask(state, Streams(3)))
         fitness = [-error(i.tree, truth) for i in individuals]
         yield individuals, fitness
         told = [evaluated(i.id, f) for i, f in zip(individuals, fitness, strict=True)]

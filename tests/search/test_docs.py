@@ -121,7 +121,7 @@ def test_a_user_s_loop_equals_the_run(name: str) -> None:
 def test_a_user_s_worlds() -> None:
     """Each individual meets the given worlds, and is worth their mean."""
     experiment = islandgp.compose("search=hill", *SMALL)
-    individuals = experiment.search().ask(experiment.search().start(), islandgp.Streams(0))[:2]
+    individuals = [*experiment.search().ask(experiment.search().start(), islandgp.Streams(0))][:2]
     evaluated = experiment.evaluate_population(individuals, 2, worlds=[5, 6, 7])
     for e in evaluated:
         single = experiment.evaluate(e.individual.tree, [5, 6, 7], stage=0)

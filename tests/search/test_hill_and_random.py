@@ -19,7 +19,7 @@ def test_a_better_child_takes_the_parent_s_place() -> None:
         search.start(), [evaluated("0.0", 1), evaluated("0.1", 7, tree="SeekCharger")], NO_ADVICE
     )
     assert state.memory.id == "0.1"
-    new = search.ask(state, Streams(3))
+    new = tuple(search.ask(state, Streams(3)))
     assert (new[0].id, new[0].tree, new[0].parents) == ("1.0", parse("SeekCharger"), ("0.1",))
     assert {i.parents for i in new} == {("0.1",)}
     equals = [evaluated("1.0", 3), evaluated("1.1", 3, tree="PatrolWaypoint"), evaluated("1.2", 2)]
@@ -52,8 +52,8 @@ def test_random_search_differs_from_racing_by_inheritance_alone() -> None:
     search, plan = search_and_plan("random")
     racing, _ = search_and_plan("racing", "search.policy.library=0")
     streams = Streams(5)
-    first = search.ask(search.start(), streams)
-    assert first == racing.ask(racing.start(), streams)
+    first = tuple(search.ask(search.start(), streams))
+    assert first == tuple(racing.ask(racing.start(), streams))
     populations, _ = generations(search, plan, 7)
     individuals = [e.individual for population in populations for e in population]
     assert len({i.tree for i in individuals}) == len(individuals)

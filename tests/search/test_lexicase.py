@@ -109,5 +109,5 @@ def test_the_fittest_are_evaluated_again() -> None:
     search, _ = search_and_plan("lexicase", "allocation.elites=3")
     population = [evaluated(f"0.{k}", float(k % 5)) for k in range(12)]
     state = search.tell(search.start(), population, NO_ADVICE)
-    new = search.ask(state, Streams(1))
+    new = tuple(search.ask(state, Streams(1)))
     assert [i.parents for i in new if i.origin == "elite"] == [("0.4",), ("0.9",), ("0.3",)]

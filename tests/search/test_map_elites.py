@@ -94,7 +94,7 @@ def test_elites_are_evaluated_again() -> None:
     ]
     state = search.tell(search.start(), population, NO_ADVICE)
     state = search.tell(state, [evaluated("1.0", 40, tree=TREES[3], interactions=1)], NO_ADVICE)
-    new = search.ask(state, Streams(1))
+    new = tuple(search.ask(state, Streams(1)))
     assert [i.parents for i in new if i.origin == "elite"] == [("0.1",), ("0.2",), ("0.0",)]
 
 

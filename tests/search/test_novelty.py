@@ -49,7 +49,7 @@ def test_the_novel_are_parents_and_the_fittest_stay() -> None:
     state = search.tell(search.start(), population, NO_ADVICE)
     assert state.memory.parents[0].id == "0.9"
     assert [parent.id for parent in state.memory.fittest] == ["0.8"]
-    new = search.ask(state, Streams(1))
+    new = tuple(search.ask(state, Streams(1)))
     assert (new[0].origin, new[0].parents) == ("elite", ("0.8",))
     mothers = [i.parents[0] for i in new[1:]]
     assert mothers.count("0.9") > len(mothers) / 2

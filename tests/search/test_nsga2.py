@@ -128,7 +128,7 @@ def test_survivors_meet_the_worlds_of_their_children() -> None:
     search, _ = search_and_plan("nsga2")
     population = [evaluated(f"0.{k}", float(k)) for k in range(12)]
     state = search.tell(search.start(), population, NO_ADVICE)
-    new = search.ask(state, Streams(1))
+    new = tuple(search.ask(state, Streams(1)))
     assert [i.origin for i in new[:6]] == ["elite"] * 6
     survivors = {parent.id for parent in state.memory.parents}
     assert {parent for i in new for parent in i.parents} <= survivors

@@ -64,7 +64,7 @@ def test_promising_survivors_are_evaluated_again_with_their_ids_as_parents() -> 
         evaluated("0.2", 20, tree=C),
     ]
     state = search.tell(search.start(), first, NO_ADVICE)
-    population = search.ask(state, Streams(1))
+    population = tuple(search.ask(state, Streams(1)))
     elites = [i for i in population if i.origin == "elite"]
     assert [(i.tree, i.parents) for i in elites] == [
         (parse(B), ("0.1",)),

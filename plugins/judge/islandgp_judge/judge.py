@@ -160,8 +160,8 @@ def case_of(index: int, p: Population, settings: Settings) -> Case:
     individuals = [
         Individual(f"{g}.{k}", parse(t, vocabulary), Origin.COPY) for k, t in enumerate(p.trees)
     ]
-    texts = [to_text(i.tree) for i in individuals]
-    evaluated = evaluate(plan, g, individuals, texts, [p.world], Serial(settings.problem()))
+    evaluator = Serial(settings.problem())
+    evaluated, texts, _ = evaluate(plan, g, individuals, [p.world], evaluator)
     stats, records = summarized(plan, g, gp.mutation_rate, evaluated, texts)
     multipliers = plan.curriculum.multipliers(plan.curriculum.stage(g))
     view = GenerationView(stats, (p.world,), multipliers, records, None)

@@ -11,7 +11,7 @@ import logging
 import os
 import secrets
 import socket
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from importlib import import_module
 from pathlib import Path
 from time import monotonic, sleep
@@ -72,8 +72,9 @@ class Ray:
         self._task = options(simulate_batch)
         self._problem = ray.put(problem)  # sent to each machine once
 
-    def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
+    def evaluate(self, jobs: Iterable[Job]) -> list[Outcome]:
         """See `Evaluator`."""
+        jobs = list(jobs)
         self.simulated += len(jobs)
         self._must_be_there()  # without the head, Ray ends this process after a minute
         workers = self._ray.cluster_resources().get("CPU", 1) / self._settings.cpus
