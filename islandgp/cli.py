@@ -18,8 +18,7 @@ from islandgp.errors import IslandError, in_the_way
 from islandgp.gate import cleaned
 from islandgp.installed import COMMANDS as ADDED
 from islandgp.installed import added, load_command, summary
-from islandgp.running.printing import checked_stdout, tolerant_stderr
-from islandgp.running.stopping import as_ctrl_c
+from islandgp.running.console import as_ctrl_c, checked_stdout, tolerant_stderr
 
 
 class CommandInfo(NamedTuple):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -69,6 +70,14 @@ class ImportedClass(BaseModel, frozen=True, extra="forbid"):
         return factory
 
 
+def strictly(model: type[BaseModel], value: Any) -> BaseModel:
+    """An instance of a model from plain values; a text or `true` in place of a number is an error.
+
+    Raises pydantic.ValidationError.
+    """
+    return model.model_validate_json(json.dumps(value), strict=True)
+
+
 class ComponentConfig(ImportedClass, frozen=True, extra="forbid"):
     """A class named in the configuration, with its settings.
 
@@ -82,7 +91,7 @@ class ComponentConfig(ImportedClass, frozen=True, extra="forbid"):
     def _fits_factory(cls, policy: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
         if (factory := info.data.get("factory")) is not None:
             with plugin_errors(path_of(factory)):
-                factory.Settings.model_validate(policy)  # its errors become errors of this field
+                strictly(factory.Settings, policy)  # its errors become errors of this field
         return policy
 
     def settings(self) -> Any:

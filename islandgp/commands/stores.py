@@ -30,7 +30,7 @@ def stores(config_dir: Path | None, home: Path) -> list[TrackingStore]:
             try:
                 settings = MLflowSettings.model_validate(policy)
             except ValidationError as error:
-                lines = error_lines(error, policy, MLflowSettings, f"tracking={option}: policy")
+                lines = error_lines(error, policy, f"tracking={option}: policy")
                 raise ConfigError("\n".join(lines)) from None
             is_ours = (source.folder / "tracking" / f"{option}.yaml").is_file()
             places.append((is_ours, option, TrackingStore.of(settings, home)))

@@ -11,7 +11,7 @@ import click
 from islandgp.commands.options import with_config_dir_option
 from islandgp.commands.stores import stores
 from islandgp.gate import configuration_folder
-from islandgp.running.stopping import as_ctrl_c
+from islandgp.running.console import as_ctrl_c
 from islandgp.tracking.sync import place_from
 from islandgp.tracking.ui import served
 

@@ -6,6 +6,7 @@ checks conflicts between groups. No other module uses Hydra's configuration obje
 
 from __future__ import annotations
 
+import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Any, Final, Literal
@@ -19,7 +20,7 @@ from pydantic import (
     field_validator,
 )
 
-from islandgp.config.errors import error_lines, setting_at
+from islandgp.config.errors import error_lines
 from islandgp.domain import Domain, RewardTable, Schema
 from islandgp.errors import ConfigError
 from islandgp.evaluation.base import Problem
@@ -28,7 +29,14 @@ from islandgp.evolution.prune import Pruning
 from islandgp.gp.archive import ArchiveSettings
 from islandgp.gp.plan import GP, Budget, Plan, Stop, Switches, is_read
 from islandgp.gp.random_trees import check_growth
-from islandgp.plugin import ComponentConfig, ImportedClass, defined_in, path_of, plugin_errors
+from islandgp.plugin import (
+    ComponentConfig,
+    ImportedClass,
+    defined_in,
+    path_of,
+    plugin_errors,
+    strictly,
+)
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import Bound
 from islandgp.scoring.constraints import faults as constraint_faults
@@ -168,7 +176,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
         if (domain := info.data.get("domain")) is None:
             return value  # the domain reports its own error
         model = domain.factory.World if info.field_name == "world" else domain.factory.Rewards
-        return model.model_validate(value)  # its errors become errors of this field
+        return strictly(model, value)  # its errors become errors of this field
 
     @field_validator("allocation", mode="plain")
     @classmethod
@@ -177,7 +185,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
         model = getattr(getattr(info.data.get("search"), "factory", None), "Allocation", None)
         if model is None or not isinstance(value, Mapping):
             return None
-        return model.model_validate({k: v for k, v in value.items() if k in model.model_fields})
+        return strictly(model, {k: v for k, v in value.items() if k in model.model_fields})
 
     def make_domain(self) -> Domain:
         """The domain with its world and rewards. Raises ConfigError if it rejects them."""
@@ -230,10 +238,11 @@ def read_settings(config: Mapping[str, Any]) -> Settings:
         ConfigError: with one line for each wrong key or value.
     """
     try:
-        settings = Settings(**with_generations(config))
+        text = json.dumps(with_generations(config))
+        settings = Settings.model_validate_json(text, strict=True)  # `true` is no number
     except ValidationError as error:
-        raise ConfigError("\n".join(sorted(set(error_lines(error, config, Settings))))) from None
-    wrong = [*_counted(config, settings), *_conflicts(settings)] or [*_faults(settings)]
+        raise ConfigError("\n".join(sorted(set(error_lines(error, config))))) from None
+    wrong = [*_conflicts(settings)] or [*_faults(settings)]
     if wrong:
         raise ConfigError("\n".join(dict.fromkeys(wrong)))
     return settings
@@ -318,12 +327,11 @@ def _staged_worlds(settings: Settings, schema: Schema) -> Iterator[str]:
     for i, stage in enumerate(settings.curriculum.stages):
         if not stage.world:
             continue
-        path, before = f"curriculum.stages.{i}.world", settings.world.model_dump()
+        path = f"curriculum.stages.{i}.world"
         try:
             world = staged(settings.world, stage.world)
         except ValidationError as error:
-            values = {**before, **stage.world}
-            yield from error_lines(error, values, type(settings.world), path)
+            yield from error_lines(error, settings.world.model_dump() | {**stage.world}, path)
             continue
         with plugin_errors(path_of(settings.domain.factory)):
             declared = settings.domain.factory.make(world, settings.rewards).schema
@@ -336,18 +344,3 @@ def _staged_worlds(settings: Settings, schema: Schema) -> Iterator[str]:
 
 def _names_of(schema: Schema) -> tuple[Any, ...]:
     return schema.vocabulary, tuple(schema.components), tuple(schema.counters)
-
-
-def _counted(config: Any, settings: Any, path: str = "") -> Iterator[str]:
-    """A line for each `true` or `false` at a key for numbers."""
-    if isinstance(config, bool):
-        if isinstance(settings, int | float) and not isinstance(settings, bool):
-            word = str(config).lower()
-            yield f"{path}={word}: input should be a number, found {word}"
-    elif isinstance(config, Mapping):
-        for key, value in config.items():
-            below = f"{path}.{key}" if path else str(key)
-            yield from _counted(value, setting_at(settings, key), below)
-    elif isinstance(config, list) and isinstance(settings, tuple | list):
-        for i, (value, inner) in enumerate(zip(config, settings, strict=False)):
-            yield from _counted(value, inner, f"{path}.{i}")

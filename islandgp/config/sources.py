@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
-from typing import Any, Final, Self
+from typing import Final, Self
 
 from hydra import compose, initialize_config_dir
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
@@ -19,13 +19,11 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.core.object_type import ObjectType
 from hydra.core.plugins import Plugins
 from hydra.plugins.search_path_plugin import SearchPathPlugin
-from hydra.types import RunMode
-from omegaconf import Container, DictConfig, OmegaConf
+from omegaconf import DictConfig
 
 from islandgp.errors import ConfigError
 from islandgp.gate import set_user_folder
 from islandgp.installed import CONF, conf_folders, hidden
-from islandgp.records.parameters import flatten
 from islandgp.resources import resource
 
 COMPOSE_LOCK: Final = Lock()  # Hydra composes one configuration at a time in a process
@@ -83,50 +81,9 @@ class ConfigSource:
             path.append("command-line", f"file://{self.user_folder}")
         return ConfigLoaderImpl(path)
 
-    def keys_of_user(
-        self, overrides: Sequence[str], values: Mapping[str, Any]
-    ) -> dict[Path, list[str]]:
-        """The keys that files of the user set to other values than the package does by default.
-
-        Args:
-            overrides: of a job.
-            values: the plain configuration of the job.
-        """
-        package = resource("conf").resolve()
-        if self.user_folder is None and self.folder == package:
-            return {}
-        usual = _flat(ConfigSource(package, "config", None).compose([]))
-        own = flatten(values)
-        found: dict[Path, list[str]] = {}
-        entries = self.loader().compute_defaults_list(self.name, list(overrides), RunMode.RUN)
-        for entry in entries.defaults:
-            file = (self.files(entry.config_path or "") or [package])[-1]
-            if not file.is_relative_to(package):
-                keys = (
-                    f"{entry.package or ''}.{key}".lstrip(".")
-                    for key in _flat(OmegaConf.load(file))
-                )
-                found[file] = [k for k in keys if k in own and own[k] != usual.get(k)]
-        return found
-
     def options(self, group: str) -> list[str]:
         """The options of a group: the names of its files."""
         return sorted(self.loader().get_group_options(group, ObjectType.CONFIG))
-
-    def folders(self) -> list[Path]:
-        """All folders, the user's last."""
-        return [self.folder, *conf_folders(), *([self.user_folder] if self.user_folder else [])]
-
-    def files(self, option: str) -> list[Path]:
-        """The existing files of an option such as `domain/island`."""
-        files = [folder / f"{option}.yaml" for folder in self.folders()]
-        return [file for file in files if file.is_file()]
-
-
-def _flat(config: Container) -> dict[str, Any]:
-    """The values by dotted keys."""
-    plain = OmegaConf.to_container(config)
-    return flatten({str(k): v for k, v in plain.items()}) if isinstance(plain, dict) else {}
 
 
 def _must_have_own_names(user_folder: Path, folder: Path) -> None:

@@ -91,6 +91,14 @@ def is_secret(key: str) -> bool:
     return SECRET.search(key.rpartition(".")[2]) is not None
 
 
+def secret_in(override: str) -> str:
+    """The name of a secret that an override sets, also inside its value; "" without one."""
+    key, _, value = override.partition("=")
+    names = [key_of(key), *re.findall(r"([\w.-]+)['\"]?\s*:", value)]
+    paths = [".".join(names[: i + 1]) for i in range(len(names))]
+    return next((name for name, path in zip(names, paths, strict=True) if is_secret(path)), "")
+
+
 def flatten(config: Mapping[str, Any], path: str = "") -> dict[str, Any]:
     """A nested configuration by dotted keys; lists and mappings by operators stay whole."""
     by_key: dict[str, Any] = {}

@@ -34,7 +34,7 @@ from islandgp.evolution.validation import (
 from islandgp.gp.evidence import SHRINKAGE
 from islandgp.intervals import interval
 from islandgp.records.folder import RunFolder
-from islandgp.running.totals import RunTotals
+from islandgp.running.report import RunTotals
 from islandgp.scoring.explain import NodeUsage, explained, usage, with_losses
 from islandgp.supervision.library import library_folder, read_tree
 
@@ -142,7 +142,6 @@ def _chosen(
     settings: Settings, totals: RunTotals, evaluator: Evaluator, episodes: int
 ) -> tuple[Candidate, Sequence[int]]:
     """The best candidate, and the worlds in which the candidates were compared."""
-    assert totals.candidates is not None
     contenders = totals.candidates.best()
     if episodes < 1:
         return max(contenders, key=lambda c: c.merit), ()

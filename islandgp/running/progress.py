@@ -3,60 +3,12 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Sequence
-from dataclasses import KW_ONLY, dataclass, field
+from collections.abc import Iterable, Sequence
 from time import monotonic
-from typing import Final, Literal
+from typing import Literal
 
 from islandgp.gp.record import Step
 from islandgp.text import in_points
-
-COLUMNS: Final = {
-    "generation": 10,
-    "best": 9,
-    "mean": 9,
-    "diversity": 9,
-    "working": 7,
-    "mutation": 8,
-    "time left": 9,
-}
-"""Names and widths of columns. Before `mutation` each milestone has a column with the number of
-individuals in that tier. `mutation` is the mutation rate of the next generation, with a "!" if a
-crisis enforces it; only searches that use the rate have it. `time left` is estimated."""
-
-
-def columns(milestones: Sequence[str], *, rate: bool = True) -> dict[str, int]:
-    """Names and widths of all columns; with the mutation rate if `rate` is True."""
-    *first, mutation, time_left = COLUMNS.items()
-    names = [f"{name} tier" if name in COLUMNS else name for name in milestones]
-    milestone_columns = ((name, max(4, len(name))) for name in names)
-    return dict([*first, *milestone_columns, *[mutation] * rate, time_left])
-
-
-def row(
-    step: Step,
-    generations: int,
-    seconds_left: float,
-    milestones: Sequence[str],
-    *,
-    rate: bool = True,
-) -> tuple[str, ...]:
-    """The cells of one generation in `columns`."""
-    s = step.record.snapshot
-    guidance = step.record.guidance
-    mutation = ""
-    if guidance is not None:
-        mutation = f"{guidance.applied_rate:.2f}{'!' * bool(guidance.crisis)}"
-    return (
-        f"{s.generation}/{generations - 1}",
-        in_points(s.fitness_max),
-        in_points(s.fitness_mean),
-        f"{s.diversity:.2f}",
-        f"{s.working:.2f}",
-        *(str(s.tiers[name]) for name in milestones),
-        *[mutation] * rate,
-        duration(seconds_left) if guidance is not None else "",
-    )
 
 
 def duration(seconds: float) -> str:
@@ -70,40 +22,68 @@ def duration(seconds: float) -> str:
     return f"{total // 86400} d {total % 86400 // 3600:02d} h"
 
 
-@dataclass(slots=True)
 class Progress:
-    """Shows the progress of a run on the error stream, unless `mode` is off."""
+    """Shows the progress of a run on the error stream, unless `mode` is off.
 
-    mode: Literal["plain", "off"]
-    generations: int  # number of all generations, >= 1
-    title: str  # first line
-    milestones: Sequence[str]  # tiers with a column
-    _: KW_ONLY
-    rate: bool = True  # the search uses the mutation rate, which then has a column
-    done: int = 0  # generations shown so far; at first those before a resumed run continues
-    _before: int = field(init=False)  # generations before a resumed run continues
-    _began: float = field(default_factory=monotonic, init=False)
+    Each milestone has a column with the number of individuals in that tier. `mutation` is the
+    mutation rate of the next generation, with a "!" if a crisis enforces it; only searches that use
+    the rate have it. `time left` is estimated.
+    """
 
-    def __post_init__(self) -> None:
-        self._before = self.done
+    def __init__(
+        self,
+        mode: Literal["plain", "off"],
+        generations: int,
+        title: str,
+        milestones: Sequence[str],
+        *,
+        rate: bool = True,
+        done: int = 0,
+    ) -> None:
+        """Prints the title and the head of the table.
 
-    def begin(self) -> None:
-        """Show the title and the head of the table."""
-        resumed = f" (from generation {self.done})" if self.done else ""
-        self._say(f"{self.title}{resumed}")
-        self._cells(list(columns(self.milestones, rate=self.rate)))
+        Args:
+            mode: plain: a line for each generation.
+            generations: number of all generations, >= 1.
+            title: first line.
+            milestones: tiers with a column.
+            rate: the search uses the mutation rate, which then has a column.
+            done: generations before a resumed run continues.
+        """
+        self.mode, self.generations, self.milestones = mode, generations, milestones
+        self.rate, self.done, self._before = rate, done, done
+        self._began = monotonic()
+        head = ["generation", "best", "mean", "diversity", "working", *milestones]
+        head += [*["mutation"] * rate, "time left"]
+        widths = (10, 9, 9, 9, 7, *(max(4, len(name)) for name in milestones), *[8] * rate, 9)
+        self._widths = widths
+        self._print(title + (f" (from generation {done})" if done else ""))
+        self._print_cells(head)
 
     def show(self, step: Step) -> None:
         """Show a generation."""
         self.done += 1
         a_generation = (monotonic() - self._began) / (self.done - self._before)
-        seconds_left = a_generation * (self.generations - self.done)
-        self._cells(row(step, self.generations, seconds_left, self.milestones, rate=self.rate))
+        self._print_cells(self._row(step, a_generation * (self.generations - self.done)))
 
-    def _cells(self, cells: Sequence[str]) -> None:
-        widths = columns(self.milestones, rate=self.rate).values()
-        self._say("  ".join(f"{cell:>{width}}" for cell, width in zip(cells, widths, strict=True)))
+    def _row(self, step: Step, seconds_left: float) -> Iterable[str]:
+        """The cells of a generation."""
+        s, guidance = step.record.snapshot, step.record.guidance
+        yield f"{s.generation}/{self.generations - 1}"
+        yield in_points(s.fitness_max)
+        yield in_points(s.fitness_mean)
+        yield f"{s.diversity:.2f}"
+        yield f"{s.working:.2f}"
+        yield from (str(s.tiers[name]) for name in self.milestones)
+        if self.rate:
+            rate = "" if guidance is None else f"{guidance.applied_rate:.2f}"
+            yield rate + "!" * bool(guidance and guidance.crisis)
+        yield "" if guidance is None else duration(seconds_left)
 
-    def _say(self, line: str) -> None:
+    def _print_cells(self, cells: Iterable[str]) -> None:
+        pairs = zip(cells, self._widths, strict=True)
+        self._print("  ".join(f"{cell:>{width}}" for cell, width in pairs))
+
+    def _print(self, line: str) -> None:
         if self.mode != "off":
             print(line.rstrip(), file=sys.stderr, flush=True)

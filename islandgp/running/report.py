@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import asdict
+from dataclasses import asdict, dataclass, field
 from typing import Any, Final
 
+from islandgp.config.settings import Settings
 from islandgp.domain import total
+from islandgp.evolution.candidates import Candidates
 from islandgp.evolution.validation import Best, Validation
-from islandgp.gp.record import Champion
+from islandgp.gp.record import Step
 from islandgp.plain import nan_to_none
 from islandgp.records.folder import RunFolder
 from islandgp.records.sentences import best_robot, comparisons, constrained, in_lines, reached
 from islandgp.records.values import answers, fallback_share, fallback_words
-from islandgp.running.totals import RunTotals
-from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, in_words
+from islandgp.scoring.constraints import in_words
 from islandgp.text import in_points, title
+from islandgp.viewer.history import RunCurves, nothing_works
 
 MOSTLY_FALLBACK: Final = (
     "expected guidance by the language model, found that the fallback gave more of it than"
@@ -24,34 +26,72 @@ MOSTLY_FALLBACK: Final = (
 )
 
 
+@dataclass(slots=True)
+class RunTotals:
+    """The values of all generations so far that a run's end and its page need.
+
+    They are collected while generations are written, so the records are not read again.
+    """
+
+    curves: RunCurves
+    candidates: Candidates  # for the best robot
+    worlds: set[int] = field(default_factory=set)  # seeds
+    snapshots: list[Mapping[str, Any]] = field(default_factory=list)  # by generation
+    costs: list[Mapping[str, Any]] = field(default_factory=list)  # by generation
+    decisions: list[Mapping[str, Any]] = field(default_factory=list)  # of the supervisor
+    first_best: str = ""  # canonical text of the fittest tree of generation 0
+
+    def add(self, record: Mapping[str, Any], cost: Mapping[str, Any]) -> None:
+        """Add a generation, given its record and its costs as plain values."""
+        self.curves.add(record, cost)
+        if not self.first_best:
+            self.first_best = max(record["individuals"], key=lambda i: i["fitness"])["tree"]
+        self.worlds.update(record["worlds"])
+        self.snapshots.append(record["snapshot"])
+        self.costs.append(cost)
+        if (guidance := record["guidance"]) is not None:
+            self.decisions.append({key: guidance[key] for key in ("source", "asked_at")})
+        self.candidates.add(record)
+
+    @property
+    def stage(self) -> int:
+        """The stage of the last generation, as an index into Table 2."""
+        return self.curves.stages[-1][1]
+
+    @property
+    def episodes(self) -> int:
+        """Episodes so far."""
+        return round(self.curves.episodes[-1]) if self.curves.generations else 0
+
+
+def totals_of(folder: RunFolder, candidates: Candidates) -> RunTotals:
+    """The totals of the generations in a run's folder. Raises RunError."""
+    totals = RunTotals(RunCurves.of(folder), candidates)
+    for record, cost in zip(folder.records(), folder.costs(), strict=False):
+        totals.add(record, cost)
+    return totals
+
+
 def summary(
-    totals: RunTotals,
-    fittest: Champion,
-    best: Best,
-    milestones: Sequence[str],
-    most_fallback: float | None = None,
-    *,
-    constraints: Constraints = NO_CONSTRAINTS,
-    nothing_works: str = "",
-    learned: Sequence[str] = (),
+    settings: Settings, totals: RunTotals, last: Step, best: Best, learned: Sequence[str]
 ) -> dict[str, Any]:
     """The content of summary.json.
 
     Args:
+        settings: of the run.
         totals: of the run.
-        fittest: the individual with the highest fitness in training.
+        last: the last generation.
         best: the best robot.
-        milestones: tiers whose first robots are reported.
-        most_fallback: largest accepted share of the fallback's answers; None: any.
-        constraints: of the run.
-        nothing_works: a sentence on what no individual has ever achieved; "" if all is well.
         learned: sentences on what the search has found out; () if it learns nothing.
     """
-    sources, snapshots = answers(totals.decisions), totals.snapshots
-    limits = {} if not constraints else {"constraints": in_words(constraints)}
-    first = {
-        tier: next((s["generation"] for s in snapshots if s["tiers"][tier]), None)
-        for tier in milestones
+    sources, snapshots, classes = answers(totals.decisions), totals.snapshots, settings.classes
+    limit = settings.supervisor.policy.get("most_fallback")  # None: there is no fallback
+    failure = nothing_works(totals.curves, classes, settings.rewards)
+    optional = {
+        "constraints": in_words(settings.constraints) if settings.constraints else "",
+        "nothing_works": failure,
+        "learned": list(learned),
+        "stopped": last.stopped,
     }
     return {
         "champion": {
@@ -65,18 +105,19 @@ def summary(
             "usage": nan_to_none([asdict(usage) for usage in best.usage]),
             "chosen_in": list(best.chosen_in),
         },
-        **limits,
-        **({"nothing_works": nothing_works} if nothing_works else {}),
-        **({"learned": list(learned)} if learned else {}),
-        "fittest": asdict(fittest),
-        "first": first,
+        "fittest": asdict(last.champion),
+        "first": {
+            tier: next((s["generation"] for s in snapshots if s["tiers"][tier]), None)
+            for tier in classes.milestones
+        },
         "final_fitness_max": snapshots[-1]["fitness_max"],
         "final_fitness_mean": snapshots[-1]["fitness_mean"],
         "mean_diversity": total(s["diversity"] for s in snapshots) / len(snapshots),
         "generations": len(snapshots),
         "answers": sources,
-        "mostly_fallback": most_fallback is not None and fallback_share(sources) > most_fallback,
+        "mostly_fallback": limit is not None and fallback_share(sources) > limit,
         "seconds": round(totals.curves.seconds, 3),
+        **{key: value for key, value in optional.items() if value},
     }
 
 
@@ -136,16 +177,13 @@ def _supervision(spent: Mapping[str, float], sources: Mapping[str, int]) -> Iter
     if share := fallback_words([{"answers": sources}]):
         yield f"Answers of the fallback: {share}"
     if spent.get("requests"):
-        tokens = f"{spent['input_tokens']:,.0f} tokens in, {spent['output_tokens']:,.0f} out"
+        price = "at an unknown price"
+        if "cost_usd" in spent:
+            price = f"${spent['cost_usd']:,.4f}"
+            if spent["uncounted_requests"]:
+                price += f" (at most ${spent['cost_usd_at_most']:,.4f}: some answers were lost)"
         yield (
             f"Language model: {1 - fallback_share(sources):.0%} of the answers,"
-            f" {spent['requests']:,.0f} requests, {tokens}, {_dollars(spent)}"
+            f" {spent['requests']:,.0f} requests, {spent['input_tokens']:,.0f} tokens in,"
+            f" {spent['output_tokens']:,.0f} out, {price}"
         )
-
-
-def _dollars(spent: Mapping[str, float]) -> str:
-    if "cost_usd" not in spent:
-        return "at an unknown price"
-    usd, most = spent["cost_usd"], spent["cost_usd_at_most"]
-    more = f" (at most ${most:,.4f}: some answers were lost)" if spent["uncounted_requests"] else ""
-    return f"${usd:,.4f}{more}"

@@ -5,6 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import closing
 from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
@@ -16,7 +17,6 @@ from islandgp.config.settings import Settings
 from islandgp.errors import RunError
 from islandgp.evolution.loop import evolve
 from islandgp.evolution.search_calls import findings
-from islandgp.evolution.validation import Best
 from islandgp.gp.archive import archive_record
 from islandgp.gp.plan import Plan
 from islandgp.gp.record import GenerationRecord, Step
@@ -34,16 +34,15 @@ from islandgp.running.parts import (
     plan_of,
 )
 from islandgp.running.progress import Progress
-from islandgp.running.report import is_mostly_fallback, report, summary
+from islandgp.running.report import RunTotals, is_mostly_fallback, report, summary, totals_of
 from islandgp.running.resume import about_run, choose
-from islandgp.running.totals import RunTotals, totals_of
 from islandgp.supervision.base import (
     GenerationListener,
     Supervisor,
     SupervisorLifecycle,
 )
 from islandgp.tracking.base import Tracker
-from islandgp.viewer.history import RunCurves, nothing_works
+from islandgp.viewer.history import RunCurves
 from islandgp.viewer.page_file import complete_page, write_page
 
 _DUMPER: Final = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
@@ -55,10 +54,9 @@ OnGeneration = Callable[[GenerationRecord], object]
 
 
 class _CallbackError(Exception):
-    """The exception of an OnGeneration."""
+    """Holds the exception of an OnGeneration."""
 
     def __init__(self, error: Exception) -> None:
-        super().__init__(error)
         self.error = error
 
 
@@ -106,59 +104,51 @@ def run(
     supervisor = make_supervisor(settings, target.path, cost)
     plan = plan_of(settings, settings.make_domain(), cost, _warn)
     about = about_run(settings, config, target, home, command)
+    status, curves = Status.FAILED, None
     try:
         target.open(yaml.dump(config, Dumper=_DUMPER, sort_keys=False), about)
         if target.finished():  # another process may have finished it before the folder was locked
             return _complete(target, tracker, settings)
-        return _evolve_tracked(
-            _OpenRun(settings, plan, cost, target, supervisor, tracker, on_generation)
-        )
+        tracker.start(target)
+        try:
+            totals = _evolve(settings, plan, target, supervisor, tracker, cost, on_generation)
+            status, curves = Status.FINISHED, totals.curves
+        except (KeyboardInterrupt, _CallbackError):
+            status = Status.KILLED
+            raise
+        except Exception as error:
+            target.fail(error)
+            raise
+        finally:
+            try:
+                _write_page(settings, target, status, curves)
+            finally:
+                where = tracker.finish(status)
+        return _result(target, totals.costs, where)
     except _CallbackError as stop:
         raise stop.error from None
     finally:
         target.close()
 
 
-@dataclass(frozen=True, slots=True)
-class _OpenRun:
-    """The parts of a run whose folder is open; the arguments of `run` are described there."""
+def _complete(target: RunFolder, tracker: Tracker, settings: Settings) -> RunResult:
+    """The result of a run that was finished before; the tracker sends missing records.
 
-    settings: Settings
-    plan: Plan
-    library_cost: LibraryCost
-    target: RunFolder
-    supervisor: Supervisor
-    tracker: Tracker
-    on_generation: OnGeneration | None
-
-    def report(self, record: GenerationRecord) -> None:
-        """Calls `on_generation`. Raises _CallbackError from its exception."""
-        if self.on_generation is not None:
-            try:
-                self.on_generation(record)
-            except Exception as error:
-                raise _CallbackError(error) from error
+    Raises:
+        RunError: a file of the run is damaged.
+    """
+    target.must_be_sound(page=False)
+    target.restore()
+    _write_page(settings, target, Status.FINISHED)
+    tracker.start(target)
+    where = tracker.finish(Status.FINISHED)
+    note = "This run was complete already; resume=never runs it again."
+    return _result(target, list(target.costs()), note, where)
 
 
-def _evolve_tracked(run: _OpenRun) -> RunResult:
-    """Evolves, with the run's tracker and page."""
-    status, curves = Status.FAILED, None
-    run.tracker.start(run.target)
-    try:
-        totals = _evolve(run)
-        status, curves = Status.FINISHED, totals.curves
-    except (KeyboardInterrupt, _CallbackError):
-        status = Status.KILLED
-        raise
-    except Exception as error:
-        run.target.fail(error)
-        raise
-    finally:
-        try:
-            _write_page(run.settings, run.target, status, curves)
-        finally:
-            where = run.tracker.finish(status)
-    return _end(run.target, totals.costs, where)
+def _result(target: RunFolder, costs: Sequence[Mapping[str, Any]], *notes: str) -> RunResult:
+    text = "\n".join((report(target, costs), *notes)).rstrip()
+    return RunResult(text, is_mostly_fallback(target.summary()))
 
 
 def _write_page(
@@ -174,28 +164,20 @@ def _write_page(
         _warn(f"no new {PAGE}: {error}")
 
 
-def _end(target: RunFolder, costs: Sequence[Mapping[str, Any]], *notes: str) -> RunResult:
-    text = "\n".join((report(target, costs), *notes)).rstrip()
-    return RunResult(text, is_mostly_fallback(target.summary()))
+def _warn(line: str) -> None:
+    print(f"islandgp: {line}", file=sys.stderr)
 
 
-def _complete(target: RunFolder, tracker: Tracker, settings: Settings) -> RunResult:
-    """The result of a run that was finished before; the tracker sends missing records.
-
-    Raises:
-        RunError: a file of the run is damaged.
-    """
-    target.must_be_sound(page=False)
-    target.restore()
-    _write_page(settings, target, Status.FINISHED)
-    tracker.start(target)
-    where = tracker.finish(Status.FINISHED)
-    note = "This run was complete already; resume=never runs it again."
-    return _end(target, list(target.costs()), note, where)
-
-
-def _evolve(run: _OpenRun) -> RunTotals:
-    settings, plan, target, supervisor = run.settings, run.plan, run.target, run.supervisor
+def _evolve(
+    settings: Settings,
+    plan: Plan,
+    target: RunFolder,
+    supervisor: Supervisor,
+    tracker: Tracker,
+    cost: LibraryCost,
+    on_generation: OnGeneration | None,
+) -> RunTotals:
+    """The generations, the best robot, the archive and the summary, all written to the folder."""
     if isinstance(supervisor, SupervisorLifecycle):
         with plugin_errors(path_of(type(supervisor))):
             line = supervisor.start()
@@ -203,13 +185,12 @@ def _evolve(run: _OpenRun) -> RunTotals:
             print(line, file=sys.stderr)
     start = target.resume(_warn)
     done = 0 if start is None else start.generation
-    if run.on_generation is not None:
+    if on_generation is not None:
         for record in islice(target.generations(), done):
-            run.report(record)
+            _call(on_generation, record)
     totals = totals_of(target, candidates_of(settings))
-    evaluator = make_evaluator(settings)
-    needed = isinstance(supervisor, GenerationListener) or plan.switches.edits
-    search, state = make_search(settings, plan), start
+    needs_past = isinstance(supervisor, GenerationListener) or plan.switches.edits
+    evaluator, search, state = make_evaluator(settings), make_search(settings, plan), start
     steps = evolve(
         plan,
         settings.seed,
@@ -217,88 +198,62 @@ def _evolve(run: _OpenRun) -> RunTotals:
         evaluator,
         search=search,
         start=start,
-        past=target.generations() if done and needed else (),
-        library_episodes=lambda: run.library_cost.episodes,
-    )
-    progress = Progress(
-        settings.progress,
-        settings.gp.generations,
-        f"{settings.name}: {settings.supervisor.name}, seed {settings.seed}",
-        settings.classes.milestones,
-        rate="rate" in settings.search.factory.uses,
-        done=done,
+        past=target.generations() if done and needs_past else (),
+        library_episodes=lambda: cost.episodes,
     )
 
     def write(step: Step) -> None:
         nonlocal state
         state = step.state or state
         totals.add(*target.append(step))
-        run.tracker.generation()
+        tracker.generation()
 
-    with ThreadPoolExecutor(1, "closing") as closing:
-        try:
-            last = _keep(steps, write, progress, run)
-            best = best_robot(settings, target, totals, evaluator, plan.founders)
-        except BaseException:
-            steps.close()  # not only when the interpreter ends
-            evaluator.close()
-            raise
-        steps.close()
-        closed = closing.submit(evaluator.close)
-        learned = findings(search, state, plan.vocabulary)
-        _finish(settings, plan, target, totals, last, best, learned)
-    closed.result()
+    with closing(evaluator), closing(steps):
+        progress = Progress(
+            settings.progress,
+            settings.gp.generations,
+            f"{settings.name}: {settings.supervisor.name}, seed {settings.seed}",
+            settings.classes.milestones,
+            rate="rate" in settings.search.factory.uses,
+            done=done,
+        )
+        last = _keep(steps, write, progress, on_generation)
+        best = best_robot(settings, target, totals, evaluator, plan.founders)
+    axes, floor = plan.archive.axes(plan.classes), plan.archive.floor
+    counts = archive_record(last.archive, axes, floor=floor)
+    domain = plan.vocabulary.domain
+    target.finish(
+        summary(settings, totals, last, best, findings(search, state, plan.vocabulary)),
+        ArchiveFile(domain, dict(axes), floor, counts.coverage, counts.qd_score, last.archive),
+    )
     return totals
 
 
-def _warn(line: str) -> None:
-    print(f"islandgp: {line}", file=sys.stderr)
-
-
 def _keep(
-    steps: Iterable[Step], write: Callable[[Step], None], progress: Progress, run: _OpenRun
+    steps: Iterable[Step],
+    write: Callable[[Step], None],
+    progress: Progress,
+    on_generation: OnGeneration | None,
 ) -> Step:
     """Writes each step while the episodes of the next one run; returns the last one."""
     step: Step | None = None
     writing: Future[None] = Future()
     writing.set_result(None)
     with ThreadPoolExecutor(1, "writer") as writer:
-        progress.begin()
         for step in steps:
             writing.result()
             writing = writer.submit(write, step)
             progress.show(step)
-            if run.on_generation is not None:
+            if on_generation is not None:
                 writing.result()
-                run.report(step.record)
+                _call(on_generation, step.record)
         writing.result()
     assert step is not None
     return step
 
 
-def _finish(
-    settings: Settings,
-    plan: Plan,
-    target: RunFolder,
-    totals: RunTotals,
-    last: Step,
-    best: Best,
-    learned: Sequence[str],
-) -> None:
-    """Writes the archive and the summary of a run at its end."""
-    axes, floor = plan.archive.axes(plan.classes), plan.archive.floor
-    counts = archive_record(last.archive, axes, floor=floor)
-    archive = ArchiveFile(
-        plan.vocabulary.domain, dict(axes), floor, counts.coverage, counts.qd_score, last.archive
-    )
-    end = summary(
-        totals,
-        last.champion,
-        best,
-        settings.classes.milestones,
-        settings.supervisor.policy.get("most_fallback"),  # None: it has no fallback
-        constraints=settings.constraints,
-        nothing_works=nothing_works(totals.curves, settings.classes, settings.rewards),
-        learned=learned,
-    )
-    target.finish({**end, "stopped": last.stopped} if last.stopped else end, archive)
+def _call(on_generation: OnGeneration, record: GenerationRecord) -> None:
+    try:
+        on_generation(record)
+    except Exception as error:
+        raise _CallbackError(error) from error

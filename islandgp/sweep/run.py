@@ -1,53 +1,47 @@
-"""A sweep: runs its jobs with any launcher, and reports their results at the end.
-
-The result of a job is read from its folder, so it is available with any launcher, and also if its
-process died.
-"""
+"""A sweep: checks and records its jobs, launches them, and reports their results at the end."""
 
 from __future__ import annotations
 
-import os
 import sys
-from collections.abc import Callable, Hashable, Mapping, Sequence
+from collections.abc import Hashable, Mapping, Sequence
 from contextlib import ExitStack
-from functools import partial
+from dataclasses import dataclass
 from pathlib import Path
+from time import time
 from typing import Any
-
-from hydra.core.override_parser.types import Quote, QuotedString
-from omegaconf import DictConfig
 
 from islandgp.atomic_files import remove_leftovers
 from islandgp.config.compose import Planned
-from islandgp.config.settings import Settings
-from islandgp.errors import ConfigError, RunError, brief
-from islandgp.evaluation.processes import end_with_parent
+from islandgp.config.naming import is_choice
+from islandgp.errors import ConfigError, IslandError, RunError, brief
+from islandgp.evaluation.processes import cores
 from islandgp.records.folder import RunFolder, Status
-from islandgp.records.parameters import identity_config, redacted
+from islandgp.records.parameters import identity_config, redacted, without_credentials
+from islandgp.running.console import echo
 from islandgp.running.parts import supervised_runs
-from islandgp.running.printing import echo
 from islandgp.running.report import MOSTLY_FALLBACK, is_mostly_fallback
 from islandgp.running.resume import choose, differences
 from islandgp.sweep.folder import SweepFolder, SweepJob
-from islandgp.sweep.job import sweep_entry, sweep_job
-from islandgp.sweep.progress import SweepStart, Watch
-from islandgp.sweep.summary import arm_lines, arms, identical_arms, power_line
-
-Job = Callable[[DictConfig], Any]
-"""The function that Hydra calls for each job."""
-
-Launch = Callable[[Job, list[str]], None]
-"""(job function, further overrides): starts Hydra with the job function."""
-
-Entries = dict[SweepFolder, dict[Path, SweepJob]]
-"""The jobs of each sweep, by the folder named by a job's configuration.
-
-A command that sweeps over `name` has several sweeps.
-"""
+from islandgp.sweep.launch import Task, jobs_at_once, kind_of, launch
+from islandgp.sweep.summary import arm_table, arms, identical_arms
 
 
-def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
-    """Runs the jobs.
+@dataclass(frozen=True, slots=True)
+class _Job:
+    """A job, and its entry in the file of its sweep."""
+
+    planned: Planned
+    sweep: SweepFolder
+    entry: SweepJob
+
+    @property
+    def run(self) -> RunFolder:
+        """The folder of its run."""
+        return self.sweep.run(self.entry)
+
+
+def run_sweep(planned: Sequence[Planned], command: str, home: Path) -> int:
+    """Runs the jobs; a command that sweeps over `name` has several sweeps.
 
     Returns:
         The exit code. 0: all jobs are finished; 1: jobs failed; 3: a fallback gave too many of the
@@ -57,52 +51,52 @@ def run_sweep(jobs: Sequence[Planned], command: str, launch: Launch) -> int:
         ConfigError: two jobs are the same run, or would share a folder.
         RunError: another sweep is at work in the same folder, or the launcher starts no job.
     """
-    entries = _entries(jobs)
-    if runs := supervised_runs(job.settings for job in jobs):
+    kind_of(planned[0].launcher)
+    _must_differ(planned)
+    jobs = [_job(each) for each in planned]
+    sweeps = {job.sweep.path: job.sweep for job in jobs}
+    if runs := supervised_runs(job.settings for job in planned):
         from islandgp.supervision.llm.estimate import costs  # only with a language model
 
         echo(costs(runs))
     interrupted = False
     with ExitStack() as stack:
-        for sweep, by_folder in entries.items():
-            sweep.open(command, list(by_folder.values()))
+        for path, sweep in sweeps.items():
+            sweep.open(command, [job.entry for job in jobs if job.sweep.path == path])
             stack.callback(sweep.close)
-            remove_leftovers(sweep.path, "sweep.json.*")
-            if (file := sweep.read()) is not None and (line := power_line(file)):
-                echo(line)
+            remove_leftovers(path, "sweep.json.*")
         try:
-            _launch_all(jobs, entries, launch)
+            _launch(jobs, home)
         except KeyboardInterrupt:
             interrupted = True
-    return finish_sweep(entries, [job.settings for job in jobs], interrupted)
-
-
-def finish_sweep(entries: Entries, settings: Sequence[Settings], interrupted: bool) -> int:
-    """Sends missing records to the tracking store and prints the results; returns the exit code."""
     try:
-        _send(entries, settings)
+        _send(jobs, home)
     except KeyboardInterrupt:
         interrupted = True
-    for sweep in entries:
+    for sweep in sweeps.values():
         if (file := sweep.read()) is not None:
             summaries = arms(sweep, file)
-            echo(f"\n{arm_lines(summaries)}\n\nResults: {sweep.path}")
+            echo(f"\n{arm_table(summaries)}\n\nResults: {sweep.path}")
             for names in identical_arms(sweep, summaries):
                 echo(f"Identical records, run by run: {', '.join(names)}")
     if interrupted:
         print("islandgp: stopped; the same command continues the run", file=sys.stderr)
         return 130
-    return _report_unfinished(entries) or _report_fallbacks(entries)
+    return _report(jobs)
 
 
-def _entries(jobs: Sequence[Planned]) -> Entries:
-    _must_differ(jobs)
-    sweeps: dict[Path, dict[Path, SweepJob]] = {}
-    for job in jobs:
-        folder = choose(RunFolder(job.folder), job.settings, redacted(job.config)).path
-        entry = sweep_entry(job.config, job.overrides, job.folder, folder, job.command)
-        sweeps.setdefault(job.folder.parent, {})[job.folder] = entry
-    return {SweepFolder(path): by_folder for path, by_folder in sweeps.items()}
+def _job(planned: Planned) -> _Job:
+    config = planned.config
+    entry = SweepJob(
+        slot=planned.folder.name,
+        folder=choose(RunFolder(planned.folder), planned.settings, redacted(config)).path.name,
+        supervisor=str(config["supervisor"]["name"]),
+        seed=int(config["seed"]),
+        choices=tuple(without_credentials(o) for o in planned.overrides if is_choice(o)),
+        generations=int(config["gp"]["generations"]),
+        command=planned.command,
+    )
+    return _Job(planned, SweepFolder(planned.folder.parent), entry)
 
 
 def _must_differ(jobs: Sequence[Planned]) -> None:
@@ -133,93 +127,70 @@ def _frozen(value: Any) -> Hashable:
     return tuple(map(_frozen, value)) if isinstance(value, list) else value
 
 
-def jobs_in(entries: Entries) -> list[tuple[RunFolder, SweepJob]]:
-    """All jobs, with the folders that they run in."""
-    return [
-        (sweep.run(job), job) for sweep, by_folder in entries.items() for job in by_folder.values()
+def _launch(jobs: Sequence[_Job], home: Path) -> None:
+    """Launches the jobs. Raises RunError if the launcher has not started any job."""
+    runs, launcher = [job.run for job in jobs], jobs[0].planned.launcher
+    for run in runs:
+        (run.path / "error.txt").unlink(missing_ok=True)
+    before, started = sum(run.completed_generations() for run in runs), time()
+    at_once = jobs_at_once(launcher, len(jobs))
+    tasks = [
+        Task(
+            config=job.planned.config,
+            folder=job.run.path,
+            command=job.planned.command,
+            home=home,
+            folders=tuple(run.path for run in runs),
+            generations=sum(each.entry.generations for each in jobs),
+            before=before,
+            started=started,
+            workers=max(1, cores() // at_once) if at_once > 1 else 0,
+            launcher=kind_of(launcher),
+        )
+        for job in jobs
     ]
-
-
-def _launch_all(jobs: Sequence[Planned], entries: Entries, launch: Launch) -> None:
-    """Launches the unfinished jobs, and shows their progress.
-
-    Raises:
-        RunError: the launcher has not started any job.
-    """
-    first, path = jobs[0], next(iter(entries)).path
-    start = SweepStart.now(
-        {named: job for by_folder in entries.values() for named, job in by_folder.items()}
-    )
-    abouts = [run.path / "about.json" for run in start.runs()]
-    before = [file.exists() for file in abouts]
-    if first.launcher == "JoblibLauncher":
-        tie_joblib_workers()
-    place = QuotedString(str(path), Quote.single).with_quotes()
+    existed = [run.begun() for run in runs]
     try:
-        with Watch(start, "off" if first.launcher == "BasicLauncher" else first.settings.progress):
-            launch(sweep_job(start), [f"hydra.sweep.dir={place}"])
+        launch(tasks, launcher, jobs[0].sweep.path)
+    except IslandError:
+        raise
     except Exception as error:
-        if before == [file.exists() for file in abouts] and not all(before):
+        if existed == [run.begun() for run in runs] and not all(existed):
             raise RunError(
                 "Expected the launcher to start the jobs, found that it cannot:"
                 f" {brief(error)}; change hydra.launcher, or choose another hydra/launcher."
             ) from None
         print(f"islandgp: the launcher failed ({brief(error)})", file=sys.stderr)
-    finally:
-        # Hydra writes the whole command into this message, including secrets.
-        (path / "multirun.yaml").unlink(missing_ok=True)
 
 
-def _send(entries: Entries, settings: Sequence[Settings]) -> None:
+def _send(jobs: Sequence[_Job], home: Path) -> None:
     """Sends the final states of the jobs and of the sweep to the tracking store."""
     from islandgp.tracking.mlflow import MLflow, send_sweeps
 
-    parts = [s.tracking for s in settings if s.tracking.factory is MLflow]
-    trackers = [MLflow.make(part.settings(), Path.cwd()) for part in parts]
-    if trackers and (message := send_sweeps([sweep.path for sweep in entries], trackers)):
+    parts = [job.planned.settings.tracking for job in jobs]
+    trackers = [MLflow.make(p.settings(), home) for p in parts if p.factory is MLflow]
+    paths = list(dict.fromkeys(job.sweep.path for job in jobs))
+    if trackers and (message := send_sweeps(paths, trackers)):
         print(message, file=sys.stderr)
 
 
-def _report_unfinished(entries: Entries) -> int:
-    """Lists each job that is not finished with the command that runs it again."""
-    jobs = jobs_in(entries)
-    bad = [(run, job) for run, job in jobs if not run.finished()]
-    if not bad:
-        return 0
-    print(f"\n{len(bad)} of {len(jobs)} jobs not finished:", file=sys.stderr)
-    for run, job in bad:
-        busy = run.status() is Status.RUNNING
-        ended = run.reason() or ("its process died" if run.begun() else "not started")
-        reason = "another process is at work on it" if busy else ended
-        print(f"\n  {job.folder}: {reason}", file=sys.stderr)
-        if run.error():
-            print(f"    error:  {run.path / 'error.txt'}", file=sys.stderr)
-        print(f"    again:  {job.command}", file=sys.stderr)
-    return 1
-
-
-def _report_fallbacks(entries: Entries) -> int:
-    """Lists each job in which a language model's fallback gave too many of the answers."""
-    runs = [run for run, _ in jobs_in(entries)]
-    bad = [run for run in runs if is_mostly_fallback(run.summary())]
-    if not bad:
-        return 0
-    print(f"\nislandgp: in {len(bad)} of {len(runs)} jobs {MOSTLY_FALLBACK}", file=sys.stderr)
-    for run in bad:
-        print(f"  {run.path.name}", file=sys.stderr)
-    return 3
-
-
-def tie_joblib_workers() -> None:
-    """Makes joblib's future workers end with this process."""
-    from joblib import register_parallel_backend  # type: ignore[import-untyped] # as above
-    from joblib.parallel import LokyBackend  # type: ignore[import-untyped] # it has no types
-
-    class Tied(LokyBackend):  # type: ignore[misc] # joblib has no types
-        def configure(self, *args: Any, **options: Any) -> Any:
-            """Sets an initializer of joblib's executor, which each worker calls at its start."""
-            return super().configure(
-                *args, initializer=partial(end_with_parent, os.getpid()), **options
-            )
-
-    register_parallel_backend("loky", Tied)  # the name that Hydra's launcher uses
+def _report(jobs: Sequence[_Job]) -> int:
+    """Lists the jobs that are not finished, or got too many fallbacks; returns the exit code."""
+    if bad := [job for job in jobs if not job.run.finished()]:
+        print(f"\n{len(bad)} of {len(jobs)} jobs not finished:", file=sys.stderr)
+        for job in bad:
+            run = job.run
+            busy = run.status() is Status.RUNNING
+            ended = run.reason() or ("its process died" if run.begun() else "not started")
+            reason = "another process is at work on it" if busy else ended
+            print(f"\n  {run.path.name}: {reason}", file=sys.stderr)
+            if run.error():
+                print(f"    error:  {run.path / 'error.txt'}", file=sys.stderr)
+            print(f"    again:  {job.entry.command}", file=sys.stderr)
+        return 1
+    if bad := [job for job in jobs if is_mostly_fallback(job.run.summary())]:
+        print(f"\nislandgp: in {len(bad)} of {len(jobs)} jobs {MOSTLY_FALLBACK}", file=sys.stderr)
+        for job in bad:
+            print(f"  {job.run.path.name}", file=sys.stderr)
+        return 3
+    return 0

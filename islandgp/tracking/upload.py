@@ -224,7 +224,7 @@ def send_sweep(sweep: SweepFolder, store: Store, status: Status) -> str | None:
         client = store.client
         client.set_terminated(run, status, _end_time(sweep, file))
         client.set_tag(run, "mlflow.note.content", sweep_note(sweep, file, summaries, status))
-        client.log_text(run, arm_table(summaries), "arms.md")
+        client.log_text(run, arm_table(summaries), "arms.txt")
         client.log_artifact(run, str(sweep.path / "sweep.json"))
         for job in file.jobs:
             about = sweep.run(job).about()

@@ -209,7 +209,7 @@ def test_records_that_change_under_a_run_fail_it(
     """At the end, before it is called finished."""
     folder = begun(tmp_path / "one", tmp_path)
     all_steps = steps()
-    end = finished(closed_run(tmp_path / "two", tmp_path), all_steps[-1].champion)
+    end = finished(closed_run(tmp_path / "two", tmp_path), all_steps[-1])
     for step in all_steps[:generation]:
         folder.append(step)
     file = folder.path / "generations.jsonl"

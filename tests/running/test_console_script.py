@@ -87,8 +87,7 @@ def test_a_run_finds_parts_in_the_current_folder(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_jobs_of_a_launcher_find_parts_in_the_current_folder(tmp_path: Path) -> None:
-    """In joblib's workers, and in the processes that those start."""
-    pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
+    """In its workers, and in the processes that those start."""
     launcher = ("hydra/launcher=local", "hydra.launcher.n_jobs=2", "seed=0,1", "-m")
     process = script(tmp_path, "run", *OVERRIDES, *launcher)
     assert process.returncode == 0, process.stderr

@@ -218,7 +218,6 @@ def test_ctrl_c_stops_a_joblib_sweep_and_the_same_command_finishes_it(tmp_path: 
 @pytest.mark.slow
 def test_a_joblib_sweep_that_is_killed_leaves_no_worker(tmp_path: Path) -> None:
     """`kill -9` of its process alone: jobs, their workers and idle workers end with it."""
-    pytest.importorskip("hydra_plugins.hydra_joblib_launcher")
     launcher = ("hydra/launcher=local", "hydra.launcher.n_jobs=3", "seed=0,1", "-m")
     overrides = (*TINY, "gp.generations=60", "tracking=off", *TWO_WORKERS, *launcher)
     process = start(tmp_path, *overrides)

@@ -12,12 +12,11 @@ from islandgp.evolution.validation import Candidate, compared, validate
 from islandgp.records.folder import RunFolder
 from islandgp.records.values import run_values
 from islandgp.results import load
-from islandgp.running.report import report, summary
-from islandgp.running.totals import totals_of
+from islandgp.running.report import report
 from tests.composed import composed
 from tests.evolution.fake import Fake
 from tests.samples import best_of, outcome
-from tests.tracking.folders import MILESTONES, archive, begun, steps
+from tests.tracking.folders import archive, begun, steps, summary_of
 
 
 def _validated_once(path: Path, home: Path) -> RunFolder:
@@ -37,7 +36,7 @@ def _validated_once(path: Path, home: Path) -> RunFolder:
     )
     same = compared("good tree", [outcome(1.0)], [outcome(1.0)])
     best = best_of(champion, replace(validation, comparisons=(same,)))
-    folder.finish(summary(totals_of(folder), champion, best, MILESTONES), archive(steps()[-1]))
+    folder.finish(summary_of(folder, steps()[-1], best), archive(steps()[-1]))
     folder.close()
     return folder
 

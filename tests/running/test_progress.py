@@ -6,20 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from islandgp.records.folder import RunFolder
 from islandgp.resources import program
-from islandgp.running.progress import Progress, columns, duration, row
-from islandgp.sweep.folder import SweepJob
-from islandgp.sweep.progress import SweepStart, sweep_line
+from islandgp.running.progress import Progress, duration
 from tests.samples import CLASSES
 from tests.tracking.folders import steps
 
 MILESTONES = CLASSES.milestones
-
-
-def test_a_tier_may_have_a_columns_name() -> None:
-    """Tiers called `working` or `best` have columns of their own beside those of all runs."""
-    assert len(columns(("working", "best"))) == len(columns(())) + 2
 
 
 @pytest.mark.parametrize(
@@ -40,60 +32,52 @@ def test_durations_are_for_people(seconds: float, text: str) -> None:
     assert duration(seconds) == text
 
 
+COLUMNS = ["generation", "best", "mean", "diversity", "working", *MILESTONES]
+
+
 def test_a_line_a_generation(capsys: pytest.CaptureFixture[str]) -> None:
-    """A title, a head, and one aligned line a generation, on the error stream."""
+    """A title, a head, and one aligned line a generation, on the error stream.
+
+    The mutation rate of the next generation has a "!" when a crisis decided it; the last
+    generation has none, and no time left.
+    """
     all_steps = steps()
     progress = Progress("plain", 5, "a title", MILESTONES)
-    progress.begin()
     for step in all_steps:
         progress.show(step)
     out, err = capsys.readouterr()
     title, head, *lines = err.splitlines()
     assert (out, title) == ("", "a title")
-    assert head.split() == " ".join(columns(MILESTONES)).split()
+    assert head.split() == [*COLUMNS, "mutation", "time", "left"]
     assert [line.split()[0] for line in lines] == [f"{g}/4" for g in range(5)]
     assert lines[1].split()[1] == f"{all_steps[1].record.snapshot.fitness_max:,.0f}"
+    guidance = all_steps[1].record.guidance
+    assert guidance is not None
+    rate = f"{guidance.applied_rate:.2f}" + "!" * bool(guidance.crisis)
+    assert lines[1].split()[len(COLUMNS)] == rate
+    assert len(lines[-1].split()) == len(COLUMNS)
+
+
+@pytest.mark.parametrize("names", [("good", "better_than_good"), ("working", "best")])
+def test_each_milestone_has_a_column(
+    names: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """In their order, also if it is called as another column; no rate if the search has none."""
+    Progress("plain", 5, "a title", names, rate=False)
+    head = capsys.readouterr().err.splitlines()[1].split()
+    assert head == [*COLUMNS[:5], *names, "time", "left"]
 
 
 def test_a_resumed_run_shows_where_it_continues(capsys: pytest.CaptureFixture[str]) -> None:
     """The title names the generation; the rest of the run is what is still to come."""
-    progress = Progress("plain", 5, "a title", MILESTONES, done=3)
-    progress.begin()
-    progress.show(steps()[3])
+    Progress("plain", 5, "a title", MILESTONES, done=3).show(steps()[3])
     assert "a title (from generation 3)" in capsys.readouterr().err
 
 
 def test_progress_off_is_silent(capsys: pytest.CaptureFixture[str]) -> None:
     """Nothing on either stream."""
-    progress = Progress("off", 5, "a title", MILESTONES)
-    progress.begin()
-    progress.show(steps()[0])
+    Progress("off", 5, "a title", MILESTONES).show(steps()[0])
     assert capsys.readouterr() == ("", "")
-
-
-def test_a_crisis_is_marked_at_the_rate() -> None:
-    """The rate of the next generation, with a "!" when a crisis decided it."""
-    step = steps()[1]
-    cells = dict(zip(columns(MILESTONES), row(step, 5, 60, MILESTONES), strict=True))
-    guidance = step.record.guidance
-    assert guidance is not None
-    assert cells["mutation"] == f"{guidance.applied_rate:.2f}" + ("!" if guidance.crisis else "")
-    assert cells["time left"] == "1 min 00 s"
-    last = row(steps()[-1], 5, 0, MILESTONES)
-    assert dict(zip(columns(MILESTONES), last, strict=True))["mutation"] == ""
-
-
-def test_each_milestone_has_a_column() -> None:
-    """Those that the configuration names, in its order, before the rate."""
-    names = list(columns(("good", "better_than_good")))
-    assert names[-4:-2] == ["good", "better_than_good"]
-
-
-def test_the_rate_has_a_column_only_if_the_search_uses_it() -> None:
-    """Without it the other columns and cells are the same."""
-    names = list(columns(MILESTONES, rate=False))
-    assert names == [name for name in columns(MILESTONES) if name != "mutation"]
-    assert len(row(steps()[1], 5, 60, MILESTONES, rate=False)) == len(names)
 
 
 def test_hints_name_a_command_that_can_be_given(
@@ -112,10 +96,3 @@ def test_hints_name_a_command_that_can_be_given(
     assert program() == str(script)
     monkeypatch.setenv("PATH", str(script.parent))
     assert program() == "islandgp"
-
-
-def test_a_job_that_begins_counts_as_running(tmp_path: Path) -> None:
-    """The line before it counts it, though it has not taken its folder yet."""
-    runs = [RunFolder(tmp_path / name) for name in ("one", "two")]
-    jobs = {run.path: SweepJob(run.path.name, run.path.name, "b", 1, (), 5, "") for run in runs}
-    assert "0 of 2 done, 1 running, 0 failed" in sweep_line(SweepStart.now(jobs), runs[0])

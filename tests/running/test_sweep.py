@@ -9,17 +9,16 @@ import pytest
 from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
 from hydra._internal.utils import get_args_parser
 from hydra.core.override_parser.overrides_parser import OverridesParser
-from hydra.core.utils import JobReturn, JobStatus
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
-from omegaconf import DictConfig
 
 from islandgp.config.compose import Planned, planned
 from islandgp.config.naming import run_folder
 from islandgp.errors import ConfigError
 from islandgp.running.app import main
 from islandgp.sweep.folder import SweepFile, SweepFolder
-from islandgp.sweep.job import Forget
+from islandgp.sweep import run as sweep_run
+from islandgp.sweep.launch import BASIC, Task
 from islandgp.sweep.run import run_sweep
 from islandgp.tracking.store import ARM
 from tests.composed import composed, named
@@ -34,6 +33,13 @@ def jobs_of(home: Path, *arguments: str) -> list[Planned]:
     """The jobs of a sweep, without running them."""
     args = get_args_parser().parse_args([*arguments, "tracking=off", "progress=off", "-m"])
     return list(planned(args, arguments, home))
+
+
+def listed(jobs: list[Planned]) -> None:
+    """Runs a sweep whose launcher starts no job."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(sweep_run, "launch", lambda *_: None)
+        run_sweep(jobs, "c", Path.cwd())
 
 
 def file_in(folder: Path) -> SweepFile:
@@ -97,7 +103,7 @@ def split(home: Path, *arguments: str) -> list[Planned]:
             composed(overrides[-1]),
             run_folder(named(composed(overrides[-1])), overrides, home),
             " ".join(overrides),
-            "BasicLauncher",
+            {"_target_": BASIC},
         )
         for overrides in batch
     ]
@@ -124,7 +130,7 @@ def test_every_job_of_a_sweep_is_in_its_file_and_in_an_arm(
     """For any values."""
     with TemporaryDirectory() as name:
         jobs = split(Path(name), *overrides, "seed=0,1")
-        run_sweep(jobs, "c", lambda _job, _extra: None)
+        listed(jobs)
         file = file_in(jobs[0].folder.parent)
     check_all_there(jobs, capsys.readouterr().out, file)
 
@@ -146,22 +152,23 @@ def test_the_same_of_composed_jobs(
 ) -> None:
     """As a command plans them."""
     jobs = jobs_of(tmp_path, *overrides, "seed=0,1")
-    run_sweep(jobs, "c", lambda _job, _extra: None)
+    listed(jobs)
     check_all_there(jobs, capsys.readouterr().out, file_in(jobs[0].folder.parent))
 
 
 def test_a_launcher_that_breaks_down_is_reported(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Once a job has begun, with the jobs that are not finished; by joblib: test_launchers."""
     jobs = jobs_of(tmp_path, "seed=0,1")
 
-    def launch(_job: object, _overrides: object) -> None:
-        jobs[0].folder.mkdir()
-        (jobs[0].folder / "about.json").write_text("{}")
+    def launch(tasks: list[Task], *_: object) -> None:
+        tasks[0].folder.mkdir()
+        (tasks[0].folder / "config.yaml").write_text("{}")
         raise OSError("a worker was killed")
 
-    assert run_sweep(jobs, "c", launch) == 1
+    monkeypatch.setattr(sweep_run, "launch", launch)
+    assert run_sweep(jobs, "c", tmp_path) == 1
     error = capsys.readouterr().err
     assert "the launcher failed (a worker was killed)" in error
     assert "2 of 2 jobs not finished" in error
@@ -186,7 +193,6 @@ def test_different_overrides_have_different_folders_that_any_file_system_takes(
     [
         "gp.mutation_rate=0.30,0.3",
         "gp.mutation_rate=1e-1,0.1",
-        "gp.population=12,12.0",
         "gp.trees.depth=[2,3],[2, 3]",
         "evaluator=serial,processes",
     ],
@@ -194,7 +200,7 @@ def test_different_overrides_have_different_folders_that_any_file_system_takes(
 def test_one_run_in_two_spellings_is_refused(tmp_path: Path, override: str) -> None:
     """It would count twice; the message names it, before anything is written."""
     with pytest.raises(ConfigError, match="found two that are the same run: expert-seed0"):
-        run_sweep(jobs_of(tmp_path, override), "c", lambda _job, _extra: None)
+        listed(jobs_of(tmp_path, override))
     assert not list(tmp_path.iterdir())
 
 
@@ -203,7 +209,7 @@ def test_jobs_with_one_folder_name_are_refused(tmp_path: Path) -> None:
     overrides = ["supervisor=llm", "supervisor.policy.base_url='http://a','http://b'"]
     expected = r"supervisor.policy.base_url: http://a -> http://b; give each of them another name="
     with pytest.raises(ConfigError, match=expected):
-        run_sweep(jobs_of(tmp_path, *overrides), "c", lambda _job, _extra: None)
+        listed(jobs_of(tmp_path, *overrides))
 
 
 @pytest.mark.slow
@@ -226,26 +232,6 @@ def test_a_sweep_over_decimals_keeps_its_arms(
     children = [run for run in runs if run is not parent]
     assert [run.parent for run in children] == [parent.id] * 4
     assert sorted(run.tags[ARM] for run in children) == sorted([*file.arms()] * 2)
-
-
-def test_a_sweep_keeps_no_configuration_of_a_job_that_is_over(
-    home: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A long sweep would need half a GiB for each thousand jobs."""
-    monkeypatch.chdir(home)
-    returns: list[JobReturn] = []
-    forget = Forget.on_job_end
-
-    def ended(self: Forget, config: DictConfig, job_return: JobReturn) -> None:
-        returns.append(job_return)
-        forget(self, config, job_return)
-
-    monkeypatch.setattr(Forget, "on_job_end", ended)
-    overrides = [*TINY, *fake("Instant"), "tracking=off", "progress=off", "seed=0,1", "-m"]
-    assert main(overrides) == 0
-    assert [(job.status, job.cfg, job.hydra_cfg) for job in returns] == [
-        (JobStatus.COMPLETED, None, None)
-    ] * 2
 
 
 def test_a_sweep_may_be_started_in_any_folder(

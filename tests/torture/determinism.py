@@ -87,11 +87,10 @@ def resumed(lab: Lab) -> None:
 
 
 def launchers(lab: Lab) -> None:
-    """A run alone, in a sweep, and under joblib and submitit where they are installed."""
+    """A run alone, in a sweep, in processes, and by submitit where it is installed."""
     digests = {digest_of(lab, *ISLAND), digest_of(lab, *ISLAND, "-m")}
-    for name, module in {"local": "joblib", "slurm_try": "submitit"}.items():
-        if find_spec(f"hydra_plugins.hydra_{module}_launcher"):
-            digests.add(digest_of(lab, *ISLAND, f"hydra/launcher={name}", "-m"))
+    for name in ("local", *(["slurm_try"] if find_spec("submitit") else [])):
+        digests.add(digest_of(lab, *ISLAND, f"hydra/launcher={name}", "-m"))
     assert len(digests) == 1
 
 
@@ -193,7 +192,7 @@ MATRIX: Final[dict[str, tuple[Callable[[Lab], None], str]]] = {
     "cache": (cache, "with the memory for episodes and without"),
     "PYTHONHASHSEED": (hash_seeds, "0, 1, 12345, random"),
     "resumption": (resumed, "straight, and stopped four times"),
-    "launcher": (launchers, "alone, in a sweep, joblib, submitit"),
+    "launcher": (launchers, "alone, in a sweep, in processes, submitit"),
     "Ray": (ray, "without, a job on it, episodes on it"),
     "domain": (domains, f"{', '.join(DOMAINS)}; each without workers and with 2"),
     "wheel": (installed, "the checkout, and the wheel in a separate environment"),

@@ -87,7 +87,7 @@ def stages(home: Path) -> list[Stage]:
         folder.append(step)
     stage(Status.RUNNING)
     folder.append(all_steps[4])
-    folder.finish(finished(folder, all_steps[4].champion))
+    folder.finish(finished(folder, all_steps[4]))
     folder.close()
     stage(Status.FINISHED)
     return copies

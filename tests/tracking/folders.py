@@ -9,14 +9,14 @@ from typing import Any
 import yaml
 
 from islandgp.evolution.loop import evolve
-from islandgp.evolution.validation import Validation
+from islandgp.evolution.validation import Best, Validation
 from islandgp.gp.archive import archive_record
-from islandgp.gp.record import Champion, Step
+from islandgp.gp.record import Step
 from islandgp.records.archive_file import ArchiveFile
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder
-from islandgp.running.report import summary
-from islandgp.running.totals import totals_of
+from islandgp.running.best_robot import candidates_of
+from islandgp.running.report import summary, totals_of
 from islandgp.supervision.baseline import Baseline, BaselineSettings
 from islandgp.tracking.store import MLflowSettings, Store, TrackingStore
 from tests.composed import composed, composed_plan, plain
@@ -73,7 +73,7 @@ def closed_run(
     for step in all_steps[state.generation if state else 0 :]:
         folder.append(step)
     if generations == 5:
-        folder.finish(finished(folder, all_steps[-1].champion, validation), archive(all_steps[-1]))
+        folder.finish(finished(folder, all_steps[-1], validation), archive(all_steps[-1]))
     folder.close()
     return folder
 
@@ -88,11 +88,17 @@ def archive(last: Step) -> ArchiveFile:
 
 
 def finished(
-    folder: RunFolder, champion: Champion, validation: Validation | None = None
+    folder: RunFolder, last: Step, validation: Validation | None = None
 ) -> dict[str, Any]:
     """The summary of a run; without a validation it chose its champion in no other worlds."""
-    best = best_of(champion, validation)
-    return summary(totals_of(folder), champion, best, MILESTONES)
+    best = best_of(last.champion, validation)
+    return summary_of(folder, last, best)
+
+
+def summary_of(folder: RunFolder, last: Step, best: Best) -> dict[str, Any]:
+    """The summary of a run with the settings of these tests."""
+    settings = composed(*SMALL)
+    return summary(settings, totals_of(folder, candidates_of(settings)), last, best, ())
 
 
 def place(home: Path, experiment: str = "islandgp") -> TrackingStore:

@@ -80,7 +80,7 @@ def test_a_store_deleted_under_way_is_made_again(
     for step in all_steps[1:]:
         folder.append(step)
         follows.generation()
-    folder.finish(finished(folder, all_steps[-1].champion))
+    folder.finish(finished(folder, all_steps[-1]))
     assert follows.finish(Status.FINISHED).endswith("islandgp ui shows it")
     folder.close()
     store = Store(place(home))

@@ -36,10 +36,10 @@ def secret_overrides(source: str, address: str, home: Path) -> list[str]:
         (conf / "mine.yaml").write_text(f"defaults: [mlflow]\npolicy: {{uri: {uri!r}}}\n")
         (home / "conf").symlink_to(conf.parent)
         overrides[-1:] = ["tracking=mine", "--config-dir", "conf"]
-    if source in ("sweep", "joblib"):
+    if source in ("sweep", "local"):
         overrides += ["seed=0,1", "-m"]
-    if source == "joblib":  # the jobs' processes send, and at the end this one
-        overrides += ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
+    if source == "local":  # the jobs' processes send, and at the end this one
+        overrides += ["hydra/launcher=local", "hydra.launcher.n_jobs=2"]
     return overrides
 
 
@@ -67,7 +67,7 @@ def test_only_the_server_gets_the_password(
 
 @pytest.mark.process
 @pytest.mark.slow
-@pytest.mark.parametrize("source", ["command", "sweep", "joblib", "file"])
+@pytest.mark.parametrize("source", ["command", "sweep", "local", "file"])
 def test_only_the_server_gets_the_password_of_a_process(source: str, tmp_path: Path) -> None:
     """Runs and sweeps as a user starts them."""
     home, credentials = tmp_path / "home", list[str]()

@@ -16,9 +16,9 @@ from islandgp.records.archive_file import ArchiveFile
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder
 from islandgp.records.manifest import add_to_manifest
-from islandgp.running.report import summary
-from islandgp.running.totals import totals_of
-from tests.composed import plain
+from islandgp.running.best_robot import candidates_of
+from islandgp.running.report import summary, totals_of
+from tests.composed import composed, plain
 from tests.evolution.runs import SMALL, Constant, plan, run
 from tests.samples import CLASSES, best_of
 
@@ -69,14 +69,15 @@ def closed_run(
     for step in steps:
         folder.append(step)
     if complete:
-        champion, elites = steps[-1].champion, steps[-1].archive
-        best = best_of(champion, VALIDATION)
+        settings, elites = composed(*SMALL), steps[-1].archive
+        totals = totals_of(folder, candidates_of(settings))
+        best = best_of(steps[-1].champion, VALIDATION)
         axes = plan().archive.axes(CLASSES)
         record = archive_record(elites, axes, floor=0)
         archive = ArchiveFile(
             "island", dict(axes), 0, record.coverage, record.qd_score, tuple(elites)
         )
-        folder.finish(summary(totals_of(folder), champion, best, CLASSES.milestones), archive)
+        folder.finish(summary(settings, totals, steps[-1], best, ()), archive)
     folder.close()
     return folder
 

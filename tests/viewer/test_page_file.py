@@ -112,7 +112,7 @@ def test_watch_renews_the_page_of_an_active_run(
         if finishes:
             for step in steps()[3:]:
                 folder.append(step)
-            folder.finish(finished(folder, steps()[-1].champion), archive(steps()[-1]))
+            folder.finish(finished(folder, steps()[-1]), archive(steps()[-1]))
         folder.close()
 
     monkeypatch.setattr(watch_command, "sleep", time_passes)
