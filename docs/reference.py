@@ -137,10 +137,10 @@ def _option(group: str, file: Path) -> Chapter:
 
 
 def _launcher(file: Path) -> Iterator[Key]:
-    """Keys of a launcher are Hydra's own: what `conf` sets of them."""
+    """Keys of a launcher."""
     comments = _comments([file])
     for path, value in _leaves(yaml.safe_load(file.read_text(encoding="utf-8"))):
-        note = comments.get(path, "") or "a key of Hydra's launcher"
+        note = comments.get(path, "") or "a parameter of submitit"
         yield Key(f"hydra.launcher.{path}", type(value).__name__, "", _default(value), note, "")
 
 

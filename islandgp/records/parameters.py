@@ -94,7 +94,7 @@ def is_secret(key: str) -> bool:
 def secret_in(override: str) -> str:
     """The name of a secret that an override sets, also inside its value; "" without one."""
     key, _, value = override.partition("=")
-    names = [key_of(key), *re.findall(r"([\w.-]+)['\"]?\s*:", value)]
+    names = [key_of(key), *re.findall(r"[{,]\s*['\"]?([\w.-]+)['\"]?\s*:", value)]
     paths = [".".join(names[: i + 1]) for i in range(len(names))]
     return next((name for name, path in zip(names, paths, strict=True) if is_secret(path)), "")
 

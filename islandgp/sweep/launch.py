@@ -31,7 +31,7 @@ BASIC: Final = "hydra._internal.core_plugins.basic_launcher.BasicLauncher"
 
 
 @dataclass(frozen=True, slots=True)
-class Task:
+class SweepTask:
     """One job of a sweep as plain values, which can be sent to its process."""
 
     config: dict[str, Any]  # resolved
@@ -62,7 +62,7 @@ def kind_of(launcher: Mapping[str, Any]) -> str:
     return str(kind)
 
 
-def launch(tasks: Sequence[Task], launcher: Mapping[str, Any], folder: Path) -> None:
+def launch(tasks: Sequence[SweepTask], launcher: Mapping[str, Any], folder: Path) -> None:
     """Runs the jobs and waits for them; `folder` is for files of Slurm's jobs.
 
     Raises:
@@ -89,7 +89,7 @@ def jobs_at_once(launcher: Mapping[str, Any], jobs: int) -> int:
     return min(jobs, n if n > 0 else max(1, cores() + 1 + n))
 
 
-def _in_processes(tasks: Sequence[Task], n: int) -> None:
+def _in_processes(tasks: Sequence[SweepTask], n: int) -> None:
     from loky import ProcessPoolExecutor
 
     pool = ProcessPoolExecutor(n, initializer=end_with_parent, initargs=(os.getpid(),))
@@ -100,7 +100,7 @@ def _in_processes(tasks: Sequence[Task], n: int) -> None:
         pool.shutdown(kill_workers=True)
 
 
-def run_job(task: Task) -> None:
+def run_job(task: SweepTask) -> None:
     """Runs a job. Its folder has the result or the error, which must not end the other jobs."""
     with tolerant_stderr(), as_ctrl_c("SIGTERM", "SIGHUP"):
         settings, target = read_settings(task.config), RunFolder(task.folder)
@@ -123,7 +123,7 @@ def run_job(task: Task) -> None:
                 print(job_line(target), file=sys.stderr, flush=True)
 
 
-def _adapted(settings: Settings, task: Task) -> Settings:
+def _adapted(settings: Settings, task: SweepTask) -> Settings:
     """The settings, adapted to the launcher; the recorded configuration is unchanged."""
     changes: dict[str, Any] = {}
     if settings.resume == "never":
@@ -142,7 +142,7 @@ def _with_policy(part: ComponentConfig, key: str, value: int) -> ComponentConfig
     return part.model_copy(update={"policy": {**part.policy, key: value}})
 
 
-def sweep_line(task: Task) -> str:
+def sweep_line(task: SweepTask) -> str:
     """A line with the numbers of finished, running and failed jobs, and the time left.
 
     The job of the task counts as running, unless it is finished.

@@ -22,7 +22,7 @@ from islandgp.running.parts import supervised_runs
 from islandgp.running.report import MOSTLY_FALLBACK, is_mostly_fallback
 from islandgp.running.resume import choose, differences
 from islandgp.sweep.folder import SweepFolder, SweepJob
-from islandgp.sweep.launch import Task, jobs_at_once, kind_of, launch
+from islandgp.sweep.launch import SweepTask, jobs_at_once, kind_of, launch
 from islandgp.sweep.summary import arm_table, arms, identical_arms
 
 
@@ -135,7 +135,7 @@ def _launch(jobs: Sequence[_Job], home: Path) -> None:
     before, started = sum(run.completed_generations() for run in runs), time()
     at_once = jobs_at_once(launcher, len(jobs))
     tasks = [
-        Task(
+        SweepTask(
             config=job.planned.config,
             folder=job.run.path,
             command=job.planned.command,

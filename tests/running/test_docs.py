@@ -36,7 +36,7 @@ TINY = [
     "world.episode.length=20",
 ]
 CHECKS = ("checkpoint.previous.json",)
-MODULES = {"ray": "ray", "submitit": "submitit", "": "joblib"}
+MODULES = {"ray": "ray", "submitit": "submitit", "": "loky"}
 
 
 def commands(kind: str) -> list[list[str]]:

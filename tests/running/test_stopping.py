@@ -15,7 +15,7 @@ import pytest
 
 from islandgp import startup
 from islandgp.commands import fmt_command
-from islandgp.running.stopping import as_ctrl_c
+from islandgp.running.console import as_ctrl_c
 from islandgp.startup import stop_before_work
 from tests.running.commands import ROOT
 from tests.trees.shell import shell

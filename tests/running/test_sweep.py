@@ -16,9 +16,9 @@ from islandgp.config.compose import Planned, planned
 from islandgp.config.naming import run_folder
 from islandgp.errors import ConfigError
 from islandgp.running.app import main
-from islandgp.sweep.folder import SweepFile, SweepFolder
 from islandgp.sweep import run as sweep_run
-from islandgp.sweep.launch import BASIC, Task
+from islandgp.sweep.folder import SweepFile, SweepFolder
+from islandgp.sweep.launch import BASIC, SweepTask
 from islandgp.sweep.run import run_sweep
 from islandgp.tracking.store import ARM
 from tests.composed import composed, named
@@ -159,10 +159,10 @@ def test_the_same_of_composed_jobs(
 def test_a_launcher_that_breaks_down_is_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Once a job has begun, with the jobs that are not finished; by joblib: test_launchers."""
+    """Once a job has begun, with the jobs that are not finished; by processes: test_launchers."""
     jobs = jobs_of(tmp_path, "seed=0,1")
 
-    def launch(tasks: list[Task], *_: object) -> None:
+    def launch(tasks: list[SweepTask], *_: object) -> None:
         tasks[0].folder.mkdir()
         (tasks[0].folder / "config.yaml").write_text("{}")
         raise OSError("a worker was killed")

@@ -266,7 +266,7 @@ ONE_LINE = [
      "Could not override 'world@x'. Did you mean to override world? To append to your default "),
     (["+hydra.callbacks.x._target_=builtins.print"],
      "hydra.callbacks.x._target_: expected a key of islandgp or one of"),
-    (["hydra.run.dir=/proc/x"], "hydra.run.dir: expected a key of islandgp or one of hydra.launcher,"),
+    (["hydra.run.dir=/proc/x"], "hydra.run.dir: expected a key of islandgp or one of"),
     (["domain=[island,cartpole]"],
      "Error resolving interpolation '${experiment}_${domain}', possible interpolation keys: ex"),
     (["~domain"],

@@ -11,8 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from islandgp.running.shortage import shortage
-from islandgp.running.stopping import as_ctrl_c
+from islandgp.running.console import as_ctrl_c, shortage
 from tests.torture import __main__ as torture
 from tests.torture import page
 from tests.torture.__main__ import PARTS, main, rows

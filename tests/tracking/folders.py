@@ -87,9 +87,7 @@ def archive(last: Step) -> ArchiveFile:
     return ArchiveFile(plan.vocabulary.domain, dict(axes), floor, *figures, last.archive)
 
 
-def finished(
-    folder: RunFolder, last: Step, validation: Validation | None = None
-) -> dict[str, Any]:
+def finished(folder: RunFolder, last: Step, validation: Validation | None = None) -> dict[str, Any]:
     """The summary of a run; without a validation it chose its champion in no other worlds."""
     best = best_of(last.champion, validation)
     return summary_of(folder, last, best)
