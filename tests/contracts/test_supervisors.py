@@ -46,7 +46,7 @@ def llm() -> LLM:
 
 
 def failing_llm() -> LLM:
-    return samples.supervisor(lambda request, n: samples.failed(FailureKind.OVERLOADED))[0]  # noqa: ARG005
+    return samples.supervisor(lambda request, n: samples.failed(FailureKind.SERVER))[0]  # noqa: ARG005
 
 
 class Recorder:

@@ -46,7 +46,7 @@ from islandgp.resources import resource
 from islandgp.results import load
 from islandgp.supervision.llm.answers import Accepted, check_decision, check_proposal
 from islandgp.supervision.llm.budget import Ledger
-from islandgp.supervision.llm.interfaces import read_body, retry_after
+from islandgp.supervision.llm.interfaces import read_body, refused
 from islandgp.supervision.llm.message import Reply
 from islandgp.supervision.llm.settings import Caps
 from islandgp.supervision.llm.transcript import Transcript
@@ -179,8 +179,8 @@ CHECKS: Final[tuple[Callable[[Reply], Any], ...]] = (
 def answer(data: bytes) -> bool:
     """A server's body, and each check of its answer; all that is kept can be written down."""
     text = text_of(data)
-    assert (retry_after(text[:200]) or 0) >= 0
-    message = read_body("anthropic", data, str)
+    assert (refused(429, text, {"retry-after": text[:200]}).retry_after or 0) >= 0
+    message = read_body("anthropic", text)
     accepted = False
     for reply in (message, Reply(text, "end_turn", None), Reply(text, "max_tokens", None)):
         if isinstance(reply, Reply):
@@ -313,10 +313,7 @@ def recorded_lines() -> tuple[Any, ...]:
     advise(llm)
     data = (folder / "transcript.jsonl").read_bytes()
     played = {"line": "played", "generation": 3, "purpose": "trial", "episodes": 2, "gain": 0.5}
-    lines = (*map(json.loads, data.splitlines()), played)
-    for line in lines:  # else each change is found before anything else is read
-        line.pop("checksum", None)
-    return lines
+    return (*map(json.loads, data.splitlines()), played)
 
 
 @st.composite

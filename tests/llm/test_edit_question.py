@@ -26,7 +26,6 @@ from tests.llm.faults import no_faults
 from tests.llm.mock_model import MockModel
 from tests.llm.samples import context, reply_of, settings, state
 from tests.llm.server import MessagesServer
-from tests.llm.test_prompts import CAPABILITIES
 from tests.llm.test_whole_run import live, replayed
 
 EDITING = ("supervisor.edits=2", "supervisor.inject=false", "gp.generations=5")
@@ -150,7 +149,7 @@ def test_a_run_with_edits_repeats_bit_for_bit(tmp_path: Path) -> None:
 def test_every_kind_is_explained() -> None:
     """The system prompt has each kind of edit, and names no domain's words beside its own."""
     run_context = context(None, "supervisor.edits=2")
-    request = Questions(settings(), run_context).request("edits", state(), CAPABILITIES)
+    request = Questions(settings(), run_context).request("edits", state())
     assert all(f"- {name} (needs {kind.needs})" in request.system for name, kind in EDITS.items())
     assert request.schema is not None
     assert set(request.schema["properties"]) == {"reasoning", "edits"}

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 import re
 from dataclasses import replace
-from math import isnan, nan
 from pathlib import Path
 from typing import Any
 
@@ -53,42 +52,26 @@ def test_every_generation_but_the_last_asks_twice() -> None:
     """41 generations: 80 questions and a probe, with so many tokens of answers."""
     bill = expected(settings(), context())
     assert bill.requests == 81
-    assert bill.output == 80 * ANSWER
-    assert bill.usd == pytest.approx((bill.input + 5 * bill.output) / 1e6)
+    assert bill.output_tokens == 80 * ANSWER
+    assert bill.usd == pytest.approx((bill.input_tokens + 5 * bill.output_tokens) / 1e6)
 
 
 def test_answers_that_would_come_too_late_cost_nothing() -> None:
     """With a lag the last generations are not asked about."""
     assert expected(settings(), context(), 5).requests == 2 * (40 - 5) + 1
-    assert at_most(settings(), context(), 5).requests == 3 * 2 * 2 * (40 - 5) + 18
+    assert at_most(settings(), context(), 5).requests == 3 * 2 * 2 * (40 - 5) + 12
     text = output_of("search=paper", "supervisor=llm", "supervisor.lag=5")
-    assert re.findall(r"([\d,]+) requests", text) == ["71", "438"]
+    assert re.findall(r"([\d,]+) requests", text) == ["71", "432"]
     racing = output_of("search=racing", "supervisor=llm", "supervisor.lag=5")  # asks for no rate
-    assert re.findall(r"([\d,]+) requests", racing) == ["36", "228"]
+    assert re.findall(r"([\d,]+) requests", racing) == ["36", "222"]
     assert expected(settings(), context(), 99).requests == 1
-
-
-def test_what_is_switched_off_costs_nothing() -> None:
-    """Half the questions without injection; the tree's prompt is the longer one."""
-    both = expected(settings(), context())
-    rate = expected(settings(), replace(context(), inject=False))
-    tree = expected(settings(), replace(context(), adapt_mutation=False))
-    assert rate.requests == tree.requests == 41
-    assert rate.input < tree.input
-    assert rate.input + tree.input == pytest.approx(both.input, rel=0.01)
 
 
 def test_at_most_counts_attempts_and_repairs() -> None:
     """3 attempts x 2 turns x 2 questions x 40 generations, and the probe's own."""
     bound = at_most(settings(), context())
-    assert bound.requests == 3 * 2 * 2 * 40 + 3 * 6
-    assert bound.output == 3 * 2 * 2 * 40 * 2048
-
-
-def test_caps_bound_the_most() -> None:
-    """A cap is the most that can be spent."""
-    bound = at_most(settings("caps.usd=0.5", "caps.requests=100"), context())
-    assert (bound.usd, bound.requests) == (0.5, 100)
+    assert bound.requests == 3 * 2 * 2 * 40 + 3 * 4
+    assert bound.output_tokens == 3 * 2 * 2 * 40 * 2048
 
 
 def test_a_run_never_takes_more_than_the_most(tmp_path: Path) -> None:
@@ -101,13 +84,7 @@ def test_a_run_never_takes_more_than_the_most(tmp_path: Path) -> None:
     most = llm._calls.ledger.most()
     bound = at_most(llm.settings, run_context)
     assert most.requests <= bound.requests
-    assert most.input <= bound.input
-
-
-def test_bills_add_up() -> None:
-    """An unknown price stays unknown."""
-    assert Bill(1, 2, 3, 4.0) + Bill(10, 20, 30, 40.0) == Bill(11, 22, 33, 44.0)
-    assert isnan((Bill(1, 2, 3, nan) + Bill(1, 2, 3, 4.0)).usd)
+    assert most.input_tokens <= bound.input_tokens
 
 
 def test_the_command_estimates_a_sweep() -> None:
@@ -129,12 +106,6 @@ def test_the_command_counts_runs_without_a_model() -> None:
     assert "2 other runs ask no language model." in text
 
 
-def test_the_command_knows_unknown_prices() -> None:
-    """Tokens are printed nevertheless."""
-    text = output_of("supervisor=llm", "supervisor.policy.model=local")
-    assert "an unknown price" in text
-
-
 def test_the_estimate_is_near_what_was_measured() -> None:
     """Near the characters that docs/llm.md has of runs with the mock, both sets.
 
@@ -147,7 +118,9 @@ def test_the_estimate_is_near_what_was_measured() -> None:
     for size, name in measured_sizes.items():
         llm_settings, tolerance = settings(f"prompts={name}"), 0.05 if name == "paper" else 0.2
         measured = 40 * int(size.replace(",", "")) / llm_settings.facts.characters
-        assert expected(llm_settings, context()).input == pytest.approx(measured, rel=tolerance)
+        assert expected(llm_settings, context()).input_tokens == pytest.approx(
+            measured, rel=tolerance
+        )
 
 
 def test_thoughts_are_expected_of_a_model_that_thinks() -> None:
@@ -155,9 +128,9 @@ def test_thoughts_are_expected_of_a_model_that_thinks() -> None:
     plain, thinking = (
         expected(settings(*overrides), context()) for overrides in ([], ["model=current-small"])
     )
-    assert thinking.output - plain.output == 80 * THOUGHTS
+    assert thinking.output_tokens - plain.output_tokens == 80 * THOUGHTS
     budget = "extra_body={thinking: {type: enabled, budget_tokens: 1024}}"
-    assert expected(settings(budget), context()).output == 80 * (ANSWER + 1024)
+    assert expected(settings(budget), context()).output_tokens == 80 * (ANSWER + 1024)
 
 
 def test_a_cached_prompt_is_written_once_and_read_then() -> None:
@@ -166,7 +139,7 @@ def test_a_cached_prompt_is_written_once_and_read_then() -> None:
         cached, plain = (
             expected(settings(*overrides, f"cache={flag}"), context()) for flag in ("true", "false")
         )
-        assert cached.input == pytest.approx(plain.input, abs=3)
+        assert cached.input_tokens == pytest.approx(plain.input_tokens, abs=3)
         assert (cached.usd < 0.9 * plain.usd) is cheaper
 
 

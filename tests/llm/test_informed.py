@@ -31,7 +31,7 @@ from tests.goldens import check_golden
 from tests.llm.faults import Fault, every
 from tests.llm.samples import settings, state
 from tests.llm.server import MessagesServer
-from tests.llm.test_prompts import CAPABILITIES, prompt_text
+from tests.llm.test_prompts import prompt_text
 from tests.llm.test_whole_run import lines, live, replayed
 from tests.samples import CLASSES
 
@@ -82,22 +82,20 @@ def adviser(*overrides: str, run: Sequence[str] = ()) -> Questions:
 def both(questions: Questions) -> str:
     """The questions for a rate and for a tree after the run's last question."""
     at = small_run()[1].states[-1]
-    return prompt_text(questions.request("rate", at, CAPABILITIES)) + prompt_text(
-        questions.request("tree", at, CAPABILITIES)
-    )
+    return prompt_text(questions.request("rate", at)) + prompt_text(questions.request("tree", at))
 
 
 def test_golden_informed_rate_prompt() -> None:
     """The whole question for a mutation rate, after seven generations of a small run."""
     at = small_run()[1].states[-1]
-    prompt = prompt_text(adviser().request("rate", at, CAPABILITIES))
+    prompt = prompt_text(adviser().request("rate", at))
     check_golden("prompt_informed_mutation_rate.md", prompt)
 
 
 def test_golden_informed_tree_prompt() -> None:
     """The whole question for a tree, traces and fates included."""
     at = small_run()[1].states[-1]
-    prompt = prompt_text(adviser().request("tree", at, CAPABILITIES))
+    prompt = prompt_text(adviser().request("tree", at))
     check_golden("prompt_informed_tree_explore.md", prompt)
 
 
@@ -106,8 +104,8 @@ def test_reasons_come_before_the_decision() -> None:
     at = small_run()[1].states[-1]
     for prompts, first in (("informed", True), ("paper", False)):
         questions = adviser(f"prompts={prompts}")
-        rate = questions.request("rate", at, CAPABILITIES).schema
-        tree = questions.request("tree", at, CAPABILITIES).schema
+        rate = questions.request("rate", at).schema
+        tree = questions.request("tree", at).schema
         assert rate is not None
         assert tree is not None
         for shape, reason, decision in (
@@ -122,7 +120,7 @@ def test_reasons_come_before_the_decision() -> None:
 def test_before_the_first_generation_nothing_is_known() -> None:
     """The parts that a run fills are left out, and no trace is played."""
     questions = Questions(settings("prompts=informed"), small_run()[0])
-    text = prompt_text(questions.request("tree", state(), CAPABILITIES))
+    text = prompt_text(questions.request("tree", state()))
     assert "Points of an event" in text
     for part in ("What each class", "Your trees of earlier", "What two trees"):
         assert part not in text
@@ -134,7 +132,7 @@ def test_traces_are_of_the_episode_that_was_scored() -> None:
     context, keeps = small_run()
     generation = keeps.generations[-1]
     best = max(generation.individuals, key=lambda i: i.fitness)
-    text = adviser().request("tree", keeps.states[-1], CAPABILITIES).turns[0]
+    text = adviser().request("tree", keeps.states[-1]).turns[0]
     assert f"The fittest tree, {best.fitness:,.0f} points" in text
     outcome, _ = describe_episode(
         context.domain, parse(best.tree), generation.worlds[0], generation.multipliers
@@ -157,7 +155,7 @@ def test_prompts_have_a_largest_size() -> None:
     at = keeps.states[-1]
     plain = Questions(settings(), context)
     for part in ("rate", "tree"):
-        question, short = (of.request(part, at, CAPABILITIES).turns[0] for of in (questions, plain))
+        question, short = (of.request(part, at).turns[0] for of in (questions, plain))
         assert len(question) - len(short) < 30_000
 
 

@@ -137,7 +137,8 @@ def test_the_key_is_in_no_process_list(tmp_path: Path, monkeypatch: pytest.Monke
         return None
 
     with MessagesServer(look) as server:
-        overrides = [*SMALL, "evaluator=processes", "evaluator.policy.workers=2", "tracking=off"]
+        workers = ("evaluator=processes", "evaluator.policy.workers=2")
+        overrides = [*SMALL, "gp.generations=2", *workers, "tracking=off"]
         assert main([*overrides, f"supervisor.policy.base_url={server.url}"]) == 0
     assert any(b"popen_loky" in line for line in commands)
     assert [line for line in commands if PIECE in line] == []

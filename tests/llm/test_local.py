@@ -74,7 +74,7 @@ def test_what_llama_cpp_refuses_is_a_failure(fake: SimpleNamespace) -> None:
             raise ValueError(text)
 
         fake.answer = refuse
-        assert client.send(ASK, seconds=5) == Failure(kind, text)
+        assert client.send(ASK, seconds=5) == Failure(kind, f"status 400: {text}")
 
 
 @pytest.mark.usefixtures("fake")

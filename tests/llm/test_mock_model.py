@@ -16,7 +16,6 @@ from islandgp.supervision.llm.questions import Questions
 from tests.llm.mock_model import MockModel
 from tests.llm.samples import context, reply_of, settings, state
 from tests.llm.test_informed import adviser, small_run
-from tests.llm.test_prompts import CAPABILITIES
 
 
 def wire(request: Request) -> dict[str, Any]:
@@ -33,11 +32,11 @@ def paper() -> Questions:
 
 
 def rate(of: Questions, at: PopulationState, model: MockModel | None = None) -> Any:
-    return (model or MockModel())(wire(of.request("rate", at, CAPABILITIES)))
+    return (model or MockModel())(wire(of.request("rate", at)))
 
 
 def tree(of: Questions, at: PopulationState, model: MockModel | None = None) -> Any:
-    return (model or MockModel())(wire(of.request("tree", at, CAPABILITIES)))
+    return (model or MockModel())(wire(of.request("tree", at)))
 
 
 def test_it_judges_by_the_prompt(paper: Questions) -> None:

@@ -67,7 +67,7 @@ def test_an_address_where_nobody_listens_stops_the_run(
     assert main([*SMALL, *overrides]) == 2
     (line,) = capsys.readouterr().err.splitlines()
     assert f"from {refused}, found unreachable (" in line
-    assert line.endswith("start the server, or set supervisor.policy.base_url.")
+    assert "start the server, or set supervisor.policy.base_url" in line
     assert not list(cwd.rglob("generations.jsonl"))
     assert not list(cwd.rglob("summary.json"))
 
@@ -101,7 +101,7 @@ def test_a_server_that_speaks_another_language_stops_the_run(
     first, second = capsys.readouterr().err.splitlines()
     for line in (first, second):
         assert "OpenAI's API only needs supervisor.policy.interface=chat" in line
-    assert "found not_found (status 404)" in first
+    assert "found not_found (status 404" in first
     assert f"such as {url}, found /v1/chat/completions at its end" in second
     assert not list(cwd.rglob("generations.jsonl"))
 

@@ -22,15 +22,13 @@ from islandgp.supervision.llm.answers import (
     RejectionStage,
     proposal_model,
 )
-from islandgp.supervision.llm.message import Request, ServerCapabilities
+from islandgp.supervision.llm.message import Request
 from islandgp.supervision.llm.prompts import SYNTAX, Prompt, language, load_prompt, render
 from islandgp.supervision.llm.questions import Questions
 from islandgp.supervision.state_json import words
 from tests.goldens import check_golden
 from tests.llm.samples import context, settings, state
 from tests.samples import CLASSES
-
-CAPABILITIES = ServerCapabilities(True, 0.7, "")
 
 
 @pytest.fixture(scope="module")
@@ -44,21 +42,17 @@ def prompt_text(request: Request) -> str:
 
 def test_golden_rate_prompt(adviser: Questions) -> None:
     """The whole question for a mutation rate."""
-    check_golden(
-        "prompt_mutation_rate.md", prompt_text(adviser.request("rate", state(), CAPABILITIES))
-    )
+    check_golden("prompt_mutation_rate.md", prompt_text(adviser.request("rate", state())))
 
 
 def test_golden_prompt_of_phase_1(adviser: Questions) -> None:
     """The whole question for a tree while there is no robot of quality."""
-    check_golden(
-        "prompt_tree_explore.md", prompt_text(adviser.request("tree", state(), CAPABILITIES))
-    )
+    check_golden("prompt_tree_explore.md", prompt_text(adviser.request("tree", state())))
 
 
 def test_golden_prompt_of_phase_2(adviser: Questions) -> None:
     """The whole question for a tree once there is one."""
-    request = adviser.request("tree", state(complete=3, excellent=1), CAPABILITIES)
+    request = adviser.request("tree", state(complete=3, excellent=1))
     check_golden("prompt_tree_exploit.md", prompt_text(request))
 
 
@@ -78,14 +72,14 @@ def test_the_system_part_is_the_same_in_every_generation(adviser: Questions) -> 
     """So that a server can keep it, and a transcript holds it once."""
     first, later = state(3), state(9)
     for part in adviser.parts:
-        before, after = (adviser.request(part, at, CAPABILITIES) for at in (first, later))
+        before, after = (adviser.request(part, at) for at in (first, later))
         assert before.system == after.system
         assert before.turns != after.turns
 
 
 def test_every_phase_and_pattern_is_in_the_rate_prompt(adviser: Questions) -> None:
     """Tables 6 and 8 whole, with the ranges of the settings, and every field of the answer."""
-    system = adviser.request("rate", state(), CAPABILITIES).system
+    system = adviser.request("rate", state()).system
     for phase, (low, high) in settings().phases.items():
         row = next(line for line in system.splitlines() if line.startswith(f"| {phase} |"))
         assert row.endswith(f"| {low:.2f} to {high:.2f} |")
@@ -105,7 +99,7 @@ def test_every_phase_and_pattern_is_in_the_rate_prompt(adviser: Questions) -> No
 )
 def test_which_phase_it_is(adviser: Questions, at: object, phase: str) -> None:
     """Section 2.4.6: phase 2 begins with the first robot of the last milestone, and lasts."""
-    assert phase in adviser.request("tree", at, CAPABILITIES).system  # type: ignore[arg-type]
+    assert phase in adviser.request("tree", at).system  # type: ignore[arg-type]
 
 
 def test_every_target_is_in_the_tree_prompts(adviser: Questions) -> None:
@@ -116,7 +110,7 @@ def test_every_target_is_in_the_tree_prompts(adviser: Questions) -> None:
     }
     assert {*meanings, *words()["aims"]} == set(CLASSES.targets)
     for at in (state(), state(excellent=1)):
-        system = adviser.request("tree", at, CAPABILITIES).system
+        system = adviser.request("tree", at).system
         for target, meaning in {**meanings, **words()["aims"]}.items():
             assert f"- {target}: {meaning}" in system
         assert all(f'"{field}"' in system for field in proposal_model(CLASSES.targets).model_fields)
@@ -148,7 +142,7 @@ def test_examples_are_files_of_the_project(adviser: Questions) -> None:
     """Every example tree in a prompt is a file of grammar/examples, with its explanation."""
     files = [p.read_text(encoding="utf-8") for p in resource("grammar").glob("examples/*.bt")]
     for at in (state(), state(excellent=1)):
-        system = adviser.request("tree", at, CAPABILITIES).system
+        system = adviser.request("tree", at).system
         blocks = re.findall(r"```\n(.*?)\n```", system, re.DOTALL)
         assert len(blocks) >= 4
         for block in blocks:
@@ -163,7 +157,7 @@ def test_urgency_is_in_words(adviser: Questions) -> None:
         "- clearing: 2 of 30 individuals do it: rare (deliveries of something)\n"
         "- humanoid: 8 of 30 individuals do it: present (times that garbage was taken over)\n"
         "- pickup: 14 of 30 individuals do it: present (items picked up from the ground)\n"
-    ) in adviser.request("tree", state(), CAPABILITIES).turns[0]
+    ) in adviser.request("tree", state()).turns[0]
 
 
 def test_a_new_action_reaches_the_prompts() -> None:
@@ -171,7 +165,7 @@ def test_a_new_action_reaches_the_prompts() -> None:
     actions = {**VOCABULARY.actions, "FlyHome": Action("flies home")}
     vocabulary = Vocabulary(VOCABULARY.domain, actions, VOCABULARY.keys)
     run_context = replace(context(), schema=replace(SCHEMA, vocabulary=vocabulary))
-    system = Questions(settings(), run_context).request("tree", state(), CAPABILITIES).system
+    system = Questions(settings(), run_context).request("tree", state()).system
     assert "- FlyHome: flies home" in system
 
 
@@ -198,10 +192,7 @@ def test_a_user_s_prompts(tmp_path: Path) -> None:
     prompt_file = tmp_path / "mutation_rate.md"
     prompt_file.write_text("# system\nBe wise.\n# user\n{{state}}", encoding="utf-8")
     llm_settings = settings(f"prompts={tmp_path}")
-    assert (
-        Questions(llm_settings, context()).request("rate", state(), CAPABILITIES).system
-        == "Be wise."
-    )
+    assert Questions(llm_settings, context()).request("rate", state()).system == "Be wise."
     prompt_file.write_text("# user\n{{sate}}", encoding="utf-8")
     with pytest.raises(SupervisionError, match="did you mean state"):
         Questions(llm_settings, context())
@@ -220,10 +211,7 @@ def test_a_user_s_prompts(tmp_path: Path) -> None:
 def test_a_domain_may_name_its_robots() -> None:
     """`classes.agent` is in every place of the prompts that names a tier."""
     questions = Questions(settings(), context(None, "+classes.agent=Lander"))
-    texts = [
-        prompt_text(questions.request(part, state(complete=1), CAPABILITIES))
-        for part in ("rate", "tree")
-    ]
+    texts = [prompt_text(questions.request(part, state(complete=1))) for part in ("rate", "tree")]
     assert "Complete Lander: in one episode" in texts[0]
     assert "complete: Complete Landers" in texts[0]
     assert not any(re.search(r"\bRobots?\b", text) for text in texts)

@@ -94,7 +94,7 @@ def test_a_strangers_transcript_cannot_control_the_terminal(
     call = Call(3, f"edits {ESCAPE}", 0)
     transcript.add(Attempt(call, 1, REQUEST, answer, None, Usage(), None, 0.5, 1.0, "at"))
     transcript.add(Conclusion(3, call.part, f"llm, {ESCAPE}", ESCAPE, (ESCAPE,)))
-    transcript.add(Sent(Call(3, "rate", 0), 1, Usage()))
+    transcript.add(Sent(Call(3, "rate", 0), 1, Usage(), 1.0))
     result = islandgp("transcript", tmp_path, *options)
     assert (result.code, result.err) == (0, "")
     assert all(c.isprintable() or c == "\n" for c in result.out)
@@ -108,8 +108,8 @@ def test_a_strangers_transcript_cannot_control_the_terminal(
         (None, (), "Expected a run's folder with a transcript.jsonl"),
         (b"", (), "Expected questions to a model in "),
         (b'{"line": "start"', (), "Expected questions to a model in "),
-        (f"{ESCAPE}\n".encode(), (), "found 1 damaged or changed lines"),
-        (b"\xff\x00\n[1]\n", (), "found 2 damaged or changed lines"),
+        (f"{ESCAPE}\n".encode(), (), "line 1 damaged"),
+        (b"\xff\x00\n[1]\n", (), "line 1 damaged"),
         (b"", ("--generation", "first"), "--generation"),
     ],
 )
@@ -125,22 +125,6 @@ def test_what_is_no_transcript_is_one_line(
     assert result.err[:-1].isprintable()
     assert message in result.err
     assert islandgp("transcript", tmp_path / "nothing").code == 2
-
-
-def test_damaged_lines_are_left_out(islandgp: Cli, run: Path, tmp_path: Path) -> None:
-    """The others are shown; the error has the first damaged line, and the exit code is 2."""
-    lines = (run / NAME).read_text(encoding="utf-8").splitlines()
-    at = next(i for i, line in enumerate(lines) if '"mutation_rate\\": 7' in line)
-    lines[at] = lines[at].replace('"mutation_rate\\": 7', '"mutation_rate\\": 0')
-    (tmp_path / NAME).write_text("\n".join([*lines, "{}", ""]), encoding="utf-8")
-    result = islandgp("transcript", tmp_path)
-    assert result.code == 2
-    assert f"found 2 damaged or changed lines, which are not shown (the first: line {at + 1}," in (
-        result.err
-    )
-    assert '{"greeting": "Hello."}' in result.out
-    assert "9 attempts" in result.out
-    assert "sent, no answer is recorded" in result.out
 
 
 def test_options_that_fit_no_question(islandgp: Cli, run: Path) -> None:

@@ -26,7 +26,6 @@ from islandgp.running.parts import make_search, make_supervisor, run_context
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, Guidance, RunContext, Supervisor
 from islandgp.supervision.llm.episode import describe_episode
-from islandgp.supervision.llm.message import ServerCapabilities
 from islandgp.supervision.llm.prompts import fixed_values
 from islandgp.supervision.llm.questions import Questions
 from islandgp.text import in_points, rounded
@@ -80,7 +79,7 @@ def asked(name: str) -> tuple[Settings, RunContext, dict[str, tuple[str, str]]]:
     questions = Questions(llm.supervisor.settings(), run_context(llm))
     for view, _ in watch.seen:
         questions.on_generation(view)
-    requests = questions.requests(watch.seen[-1][1], ServerCapabilities(True, None, ""))
+    requests = {part: questions.request(part, watch.seen[-1][1]) for part in questions.parts}
     return llm, questions.context, {p: (r.system, r.turns[0]) for p, r in requests.items()}
 
 
@@ -201,7 +200,7 @@ def test_shipped_trees_are_within_the_limits() -> None:
 def system(part: str, run_context: RunContext, *overrides: str) -> str:
     """A system prompt, in one line."""
     questions = Questions(settings(*overrides), run_context)
-    text = questions.request(part, state(), ServerCapabilities(True, 0.7, "")).system
+    text = questions.request(part, state()).system
     return " ".join(text.split())
 
 

@@ -320,7 +320,6 @@ def test_text_dialect_end_to_end(tmp_path: Path) -> None:
         steps = live(server, tmp_path, "gp.generations=4")
         last = server.requests[-1]
     assert {g.source for s in steps if (g := s.record.guidance) is not None} == {"llm"}
-    assert "output_config" not in last
     assert "temperature" not in last
 
 

@@ -24,15 +24,15 @@ from filelock import FileLock
 
 from islandgp.supervision.llm.message import (
     CHARGED,
-    UNSENT,
     Failure,
+    FailureKind,
     Reply,
     Request,
     Usage,
     sha256_of,
 )
 from islandgp.supervision.llm.settings import Caps, PerMinute, Price
-from islandgp.supervision.llm.transcript import Attempt, Transcript
+from islandgp.supervision.llm.transcript import Transcript
 
 LONGEST_TURN: Final = 3600.0  # s; a later one is of a wrong clock
 TOKENS_PER_PRICE: Final = 1e6  # tokens per price
@@ -46,11 +46,6 @@ def cost(usage: Usage, price: Price) -> float:
         + usage.cache_read * price.cache_read
         + usage.cache_write * price.cache_write
     ) / TOKENS_PER_PRICE
-
-
-def dearest(price: Price) -> Price:
-    """Upper bound of a price, with or without writing to the cache."""
-    return price.model_copy(update={"cache_write": max(price.input, price.cache_write)})
 
 
 def most_tokens(request: Request, *, longer: int = 0) -> Usage:
@@ -72,22 +67,26 @@ def most_tokens(request: Request, *, longer: int = 0) -> Usage:
 
 @dataclass(frozen=True, slots=True)
 class Bill:
-    """The sum of the costs of requests."""
+    """The sum of the costs of requests. The fields but `usd` have the names of caps."""
 
-    requests: float
-    input: float  # tokens
-    output: float  # tokens
-    usd: float  # nan: an unknown price
+    requests: float = 0
+    input_tokens: float = 0
+    output_tokens: float = 0
+    usd: float = 0.0  # nan: an unknown price
 
     @classmethod
     def of(cls, requests: float, usage: Usage, price: Price | None) -> Bill:
         """The bill of requests with known tokens; `usage` is their sum."""
-        return cls(requests, usage.read, usage.output, nan if price is None else cost(usage, price))
+        usd = nan if price is None else cost(usage, price)
+        return cls(requests, usage.read, usage.output, usd)
 
     @classmethod
     def at_most(cls, requests: float, usage: Usage, price: Price | None) -> Bill:
-        """Upper bound of the bill of requests; `usage` is the upper bound of their tokens."""
-        return cls.of(requests, usage, price and dearest(price))
+        """Upper bound of a bill, with or without writing to the cache; `usage` is one, too."""
+        if price is not None:
+            write = max(price.input, price.cache_write)
+            price = price.model_copy(update={"cache_write": write})
+        return cls.of(requests, usage, price)
 
     def __add__(self, other: Bill) -> Bill:
         return Bill(*map(add, astuple(self), astuple(other)))
@@ -96,19 +95,18 @@ class Bill:
         """The bill of a number of equal runs."""
         return Bill(*(number * amount for amount in astuple(self)))
 
+    def capped(self, caps: Caps) -> Bill:
+        """The bill, each sum limited by its cap; an unknown price remains so."""
+        limits = {name: getattr(caps, name) for name in asdict(self)}
+        sums = asdict(self).items()
+        return Bill(*(n if limits[name] is None else min(n, limits[name]) for name, n in sums))
+
     def over(self, caps: Caps) -> str:
         """The first cap that the bill exceeds, as NAME=VALUE; "" for none."""
-        for name, (amount, cap) in self.against(caps).items():
-            if cap is not None and amount > cap:
+        for name, amount in asdict(self).items():
+            if (cap := getattr(caps, name)) is not None and amount > cap:
                 return f"{name}={cap}"
         return ""
-
-    def against(self, caps: Caps) -> dict[str, tuple[float, float | None]]:
-        """Pairs of an amount and its cap, by the cap's name."""
-        names = ("requests", "input_tokens", "output_tokens", "usd")
-        return {
-            n: (amount, getattr(caps, n)) for n, amount in zip(names, astuple(self), strict=True)
-        }
 
 
 def known_usage(answer: Reply | Failure) -> Usage | None:
@@ -149,8 +147,10 @@ class Pace:
             sleep: replaces time.sleep in tests.
             clock: replaces time.time in tests.
         """
-        tokens = (len(request.system) + sum(map(len, request.turns))) / self.characters
-        needs = {self.limits.requests: 1.0, self.limits.input_tokens: tokens}
+        needs = {
+            self.limits.requests: 1.0,
+            self.limits.input_tokens: request.characters / self.characters,
+        }
         gap = max(60 * n / limit for limit, n in needs.items() if limit is not None)
         began = clock()
         with FileLock(f"{self.path}.lock"):  # also while it sleeps: the others are after it
@@ -196,29 +196,29 @@ class Ledger:
         if self.caps.seconds is None:
             return inf
         _, unanswered = self.transcript.requests()
-        spent = sum(a.seconds + a.waited for a in list(self.transcript.attempts))
+        spent = sum(a.seconds + a.waited for a in self.transcript.attempts)
         return max(0.0, self.caps.seconds - spent - sum(request.seconds for request in unanswered))
 
     def most(self) -> Bill:
         """Upper bound of the costs of all requests so far."""
         attempts, unanswered = self.transcript.requests()
-        bills = [Bill.of(0, Usage(), self.price)]
+        sent = [a for a in attempts if a.failed is not FailureKind.UNREACHABLE]
+        bills = [
+            (Bill.at_most if a.usage is None else Bill.of)(1, a.at_most, self.price) for a in sent
+        ]
         bills += [Bill.at_most(1, request.at_most, self.price) for request in unanswered]
-        for a in filter(is_sent, attempts):
-            if a.usage is None:
-                bills.append(Bill.at_most(1, a.at_most, self.price))
-            else:
-                bills.append(Bill.of(1, a.usage, self.price))
-        return sum(bills[1:], bills[0])
+        return sum(bills, Bill.of(0, Usage(), self.price))
 
     def totals(self) -> dict[str, float]:
         """Sums since the run's start by name, for the costs of a generation and for MLflow."""
         attempts, unanswered = self.transcript.requests()
-        sent, parts = list(filter(is_sent, attempts)), list(self.transcript.parts)
+        sent = [a for a in attempts if a.failed is not FailureKind.UNREACHABLE]
+        parts = self.transcript.parts
         requests = len(sent) + len(unanswered)
         usages = [a.usage for a in sent if a.usage is not None]
-        failures = Counter(a.answer.kind for a in attempts if isinstance(a.answer, Failure))
+        failures = Counter(a.failed for a in attempts if a.failed)
         rejected = Counter(stage for part in parts for stage in part.rejected)
+        fallbacks = Counter(part.part for part in parts if part.source == "fallback")
         sums: dict[str, float] = {
             "requests": requests,
             "calls": len({a.call for a in sent}),
@@ -229,11 +229,10 @@ class Ledger:
             "failures": failures.total(),
             "rejections": rejected.total(),
             "repaired": sum("repaired" in part.source for part in parts),
-            "fallback_rates": sum(p.source == "fallback" and p.part == "rate" for p in parts),
-            "fallback_trees": sum(p.source == "fallback" and p.part == "tree" for p in parts),
+            "fallback_rates": fallbacks["rate"],
+            "fallback_trees": fallbacks["tree"],
         }
-        played = list(self.transcript.played)
-        if played:
+        if played := self.transcript.played:
             sums["episodes"] = sum(p.episodes for p in played)
         if not isnan(most := self.most().usd):
             sums["cost_usd"] = sum(a.usd or 0.0 for a in sent)
@@ -241,8 +240,3 @@ class Ledger:
         sums |= {f"failures_{kind}": count for kind, count in sorted(failures.items())}
         sums |= {f"rejected_{stage}": count for stage, count in sorted(rejected.items())}
         return sums
-
-
-def is_sent(attempt: Attempt) -> bool:
-    """True if the request was sent; False if there was no connection."""
-    return isinstance(attempt.answer, Reply) or attempt.answer.kind not in UNSENT

@@ -4,20 +4,20 @@
 `supervision.replay.RecordedCalls` uses a transcript only.
 
 This is the only layer with retries (section 2.4.5). `converse` sends a question and, if the answer
-is rejected, repair turns that quote the error.
+is rejected, repair turns that quote the error. `supported` and `ask_with_less` find out what a
+server accepts: optional parameters that it rejects are left out.
 """
 
 from __future__ import annotations
 
 import logging
+import re
 import time
 from collections.abc import Callable
-from concurrent.futures import Future
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from datetime import UTC, datetime
-from math import inf
-from threading import Lock, Thread
-from typing import Final, Protocol, TypeVar
+from threading import Lock
+from typing import Final, Protocol
 
 import numpy as np
 
@@ -40,37 +40,15 @@ from islandgp.supervision.llm.message import (
 from islandgp.supervision.llm.settings import Outage, RetrySettings
 from islandgp.supervision.llm.transcript import Attempt, Call, Conclusion, Sent, Transcript
 
-T = TypeVar("T")
 Check = Callable[[Reply], Accepted | Rejection]
 
-
-def final(answer: Reply | Failure, attempt: int, settings: RetrySettings) -> bool:
-    """True if no further attempt follows the one with number `attempt` (from 1)."""
-    if isinstance(answer, Reply) or attempt >= settings.attempts:
-        return True
-    requested = answer.should_retry  # by the server
-    may_help = answer.kind in TRANSIENT if requested is None else requested
-    return not may_help or (answer.retry_after or 0) > settings.retry_after_most
-
-
-def wait(
-    failure: Failure, attempt: int, settings: RetrySettings, rng: np.random.Generator
-) -> float:
-    """Seconds to wait after the failed attempt number `attempt` (from 1).
-
-    At least what the server requests; otherwise exponential backoff times a factor in [0.5, 1], so
-    that the runs of a sweep do not retry at the same time.
-    """
-    backoff = min(settings.longest_wait, settings.first_wait * 2.0 ** (attempt - 1))
-    return max(failure.retry_after or 0.0, backoff * float(rng.uniform(0.5, 1)))
-
-
-def _never_there(call: Call, failure: Failure) -> bool:
-    """True if there is no server at the start of a run: its address may be wrong."""
-    return call.generation < 0 and failure.kind is FailureKind.UNREACHABLE
-
-
 SLOTS: Final = {"probe": 0, "rate": 1, "tree": 2, "edits": 3}  # of Stream.NETWORK
+OPTIONAL: Final = {
+    "temperature": r"temperature|sampling|top[_ ][pk]\b",
+    "grammar": r"grammar|structured_outputs",
+    "schema": r"output_config|output_format|schema|structured|json|response_format",
+}
+"""Parameters of requests that a server may reject, with patterns of their names in its errors."""
 
 
 class Calls(Protocol):
@@ -102,7 +80,6 @@ class LiveCalls:
         on_outage: Outage = "fallback",
         pace: Pace | None = None,
         sleep: Callable[[float], None] = time.sleep,
-        clock: Callable[[], float] = time.monotonic,
     ) -> None:
         """Sends nothing yet.
 
@@ -115,14 +92,11 @@ class LiveCalls:
             on_outage: what follows the last attempt; "wait" has no last one before the caps.
             pace: turns with other runs; None: requests are sent at once.
             sleep: replaces time.sleep in tests.
-            clock: replaces time.monotonic in tests.
         """
         self.client, self.transcript, self.ledger, self.retry = client, transcript, ledger, retry
-        self.seed, self.on_outage = seed, on_outage
-        self.sleep, self.clock, self.pace = sleep, clock, pace
+        self.seed, self.on_outage, self.pace, self.sleep = seed, on_outage, pace, sleep
         self._closed = False
         self._sending = Lock()  # held from the check of the caps until the request is recorded
-        self._not_before = -inf  # clock time before which the server accepts no request
 
     def ask(self, call: Call, request: Request) -> Reply | Failure:
         """See `Calls`. An answer in the transcript to the same request is used again.
@@ -136,20 +110,17 @@ class LiveCalls:
         rng = stream(self.seed, Stream.NETWORK, generation=call.generation + 1, slot=slot)
         answer, number = (done[-1].answer, done[-1].number) if done else (None, 0)
         earlier = 0  # attempts before the one that stopped the run or kept it from starting
-        if isinstance(answer, Failure) and self._asks_again(call, answer):
+        if isinstance(answer, Failure) and self._stops(call, answer):
             answer, earlier = None, number
-        while answer is None or not self._ends(call, answer, number - earlier):
+        while answer is None or not self._is_last(call, answer, number - earlier):
+            due = 0.0
             if isinstance(answer, Failure):
-                due = wait(answer, number - earlier, self.retry, rng)
-            else:  # a waiting time requested for an earlier call holds for this one as well
-                due = max(0.0, self._not_before - self.clock())
-            due = min(due, self.ledger.seconds_left())
-            if due:
+                due = min(self._delay(answer, number - earlier, rng), self.ledger.seconds_left())
                 self.sleep(due)
             due += self.pace.wait(request) if self.pace is not None else 0
             number += 1
             answer = self._attempt(call, number, request, due)
-        if isinstance(answer, Failure) and self._stops(call, answer):
+        if isinstance(answer, Failure) and call.part != "probe" and self._stops(call, answer):
             raise SupervisionError(
                 f"Expected an answer of the model {request.model}, found {answer.kind}"
                 f" ({answer.message}); the run stops"
@@ -158,33 +129,34 @@ class LiveCalls:
             )
         return answer
 
-    def _ends(self, call: Call, answer: Reply | Failure, attempt: int) -> bool:
+    def _is_last(self, call: Call, answer: Reply | Failure, attempt: int) -> bool:
         """True if no attempt follows; "wait" waits on while that costs nothing, up to the caps."""
-        if (
-            self.on_outage != "wait"
-            or isinstance(answer, Reply)
-            or answer.kind not in TRANSIENT - CHARGED
-            or _never_there(call, answer)
-        ):
-            return final(answer, attempt, self.retry)
-        if attempt % self.retry.attempts == 0:
+        if isinstance(answer, Reply) or answer.kind not in TRANSIENT:
+            return True
+        if (answer.retry_after or 0) > self.retry.retry_after_most and self.on_outage != "wait":
+            return True
+        waits = self.on_outage == "wait" and answer.kind not in CHARGED and call.part != "probe"
+        if waits and attempt % self.retry.attempts == 0:
             logging.getLogger("islandgp").warning(
                 "No answer of the model (%s); it is asked again (on_outage=wait)", answer.message
             )
-        return False
+        return attempt >= self.retry.attempts and not waits
+
+    def _delay(self, failure: Failure, attempt: int, rng: np.random.Generator) -> float:
+        """Seconds to wait after the failed attempt number `attempt` (from 1).
+
+        At least what the server requests; otherwise exponential backoff times a factor in [0.5, 1],
+        so that the runs of a sweep do not retry at the same time.
+        """
+        backoff = min(self.retry.longest_wait, self.retry.first_wait * 2.0 ** (attempt - 1))
+        return max(failure.retry_after or 0.0, backoff * float(rng.uniform(0.5, 1)))
 
     def _stops(self, call: Call, failure: Failure) -> bool:
-        """True if a failure stops the run; the probe reports lasting ones itself."""
-        lasting = failure.kind in HOPELESS and call.part != "probe"
-        lost = failure.kind in TRANSIENT and not _never_there(call, failure)
-        return {"fallback": False, "wait": lasting, "stop": lasting or lost}[self.on_outage]
-
-    def _asks_again(self, call: Call, failure: Failure) -> bool:
-        """True if a recorded failure stopped the run, or kept it from starting."""
-        if failure.kind is FailureKind.BUDGET:
-            return False
-        at_start = call.part == "probe" and (call.generation < 0 or failure.kind not in TRANSIENT)
-        return at_start or self._stops(call, failure)
+        """True if a failure stops the run, or keeps it from starting."""
+        if call.part == "probe":
+            return failure.kind is not FailureKind.BUDGET
+        stopping = {"fallback": frozenset[FailureKind](), "wait": HOPELESS}
+        return failure.kind in stopping.get(self.on_outage, HOPELESS | TRANSIENT)
 
     def close(self) -> None:
         """Ends a call in another thread without recording it; a resumed run makes it again."""
@@ -193,20 +165,16 @@ class LiveCalls:
     def _attempt(self, call: Call, number: int, request: Request, waited: float) -> Reply | Failure:
         self._check_open()
         bound = most_tokens(request)
-        self.client.open()
-        at, began = datetime.now(UTC).isoformat(timespec="milliseconds"), self.clock()
-        answer: Reply | Failure
+        with self._sending:
+            self.client.open()
+        at, began = datetime.now(UTC).isoformat(timespec="milliseconds"), time.monotonic()
         with self._sending:
             seconds = min(self.retry.deadline, self.ledger.seconds_left() - waited)
             if not (reason := self.ledger.over(bound, waited)):
                 self.transcript.add(Sent(call, number, bound, round(waited + seconds, 3)))
-        if reason:
-            answer = Failure(FailureKind.BUDGET, reason)
-        else:
-            answer = self._with_remedy(self.client.send(request, seconds=seconds), seconds)
-        retry_after = answer.retry_after if isinstance(answer, Failure) else None
-        if retry_after is not None and retry_after <= self.retry.retry_after_most:
-            self._not_before = self.clock() + retry_after
+        answer: Reply | Failure = Failure(FailureKind.BUDGET, reason)
+        if not reason:
+            answer = self.client.send(request, seconds=seconds)
         self._check_open()
         usage = known_usage(answer)
         attempt = Attempt(
@@ -217,24 +185,50 @@ class LiveCalls:
             usage=usage,
             at_most=bound if usage is None else usage,
             usd=None if usage is None else self.ledger.usd(usage),
-            seconds=round(self.clock() - began, 3),
+            seconds=round(time.monotonic() - began, 3),
             waited=round(waited, 3),
             at=at,
         )
         self.transcript.add(attempt)
         return answer
 
-    def _with_remedy(self, answer: Reply | Failure, seconds: float) -> Reply | Failure:
-        """The answer; the message of a timeout names the setting that allows more time."""
-        if isinstance(answer, Reply) or answer.kind is not FailureKind.TIMEOUT:
-            return answer
-        setting = "caps.seconds" if seconds < self.retry.deadline else "retry.deadline"
-        remedy = f"raise supervisor.policy.{setting}, a model that thinks may need minutes"
-        return replace(answer, message=f"{answer.message}; {remedy}")
-
     def _check_open(self) -> None:
         if self._closed:
             raise SupervisionError("The run has ended; this answer is not needed.")
+
+
+def supported(request: Request, transcript: Transcript, generation: int) -> Request:
+    """The request without the optional parameters that the last reply before a generation lacked.
+
+    A grammar is also left out if the server ignored it, so that the answer is no JSON object.
+    """
+    replies = [
+        (a.request, a.answer)
+        for a in transcript.attempts
+        if a.call.generation < generation and isinstance(a.answer, Reply)
+    ]
+    if not replies:
+        return request
+    known, reply = replies[-1]
+    lacks = [name for name in OPTIONAL if getattr(known, name) is None]
+    if reply.stop_reason == "end_turn" and not reply.text.lstrip().startswith("{"):
+        lacks.append("grammar")
+    return request.without(lacks)
+
+
+def ask_with_less(calls: Calls, call: Call, request: Request) -> tuple[Request, Reply | Failure]:
+    """The answer to a call, and its request, without the parameters that the server rejects.
+
+    The next request lacks the parameter that the error names, else the first one.
+    """
+    while True:
+        answer = calls.ask(call, request)
+        sent = [name for name in OPTIONAL if getattr(request, name) is not None]
+        if isinstance(answer, Reply) or answer.kind is not FailureKind.REJECTED or not sent:
+            return request, answer
+        text = answer.message.lower()
+        named = [name for name in sent if re.search(OPTIONAL[name], text)]
+        request = request.without((named or sent)[:1])
 
 
 @dataclass(frozen=True, slots=True)
@@ -272,17 +266,17 @@ def converse(
     """
     rejected: list[RejectionStage] = []
     prompts: list[str] = []
-    accepted, source, reason, failed = None, "fallback", "", ""
+    guidance, source, reason, failed = None, "fallback", "", ""
     for turn in range(1 + repairs):
         prompts.append(request.prompt_digest)
-        answer = calls.ask(Call(generation, part, turn), request)
+        request, answer = ask_with_less(calls, Call(generation, part, turn), request)
         if isinstance(answer, Failure):
             reason, failed = f"{answer.kind}: {answer.message}", answer.kind.value
             break
         checked = check(answer)
         if isinstance(checked, Accepted):
             parts = ("llm", "repaired" if turn else "", checked.change)
-            accepted, source, reason = checked, ", ".join(filter(None, parts)), ""
+            guidance, source, reason = checked.guidance, ", ".join(filter(None, parts)), ""
             break
         rejected.append(checked.stage)
         reason = f"{checked.stage}: {checked.error}"
@@ -291,9 +285,7 @@ def converse(
         request = request.followed_by(answer.text[:MAX_QUOTED], repair(checked))
     end = Conclusion(generation, part, source, reason, tuple(rejected), failed)
     calls.transcript.add(end)
-    if accepted is None:
-        return Conversation(None, end, tuple(prompts))
-    return Conversation(accepted.guidance, end, tuple(prompts))
+    return Conversation(guidance, end, tuple(prompts))
 
 
 def unasked(calls: Calls, generation: int, part: str, failure: Failure) -> Conversation:
@@ -302,17 +294,3 @@ def unasked(calls: Calls, generation: int, part: str, failure: Failure) -> Conve
     end = Conclusion(generation, part, "fallback", reason, (), failure.kind.value)
     calls.transcript.add(end)
     return Conversation(None, end)
-
-
-def in_thread(work: Callable[[], T]) -> Future[T]:
-    """Starts a function in a daemon thread, which does not keep the process alive."""
-    future: Future[T] = Future()
-
-    def run() -> None:
-        try:
-            future.set_result(work())
-        except BaseException as error:  # raised again by `result`
-            future.set_exception(error)
-
-    Thread(target=run, name="tree", daemon=True).start()
-    return future

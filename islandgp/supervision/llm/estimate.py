@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import reduce
 from math import isnan
-from operator import add
 from typing import Final
 
 from islandgp.supervision.base import RunContext
@@ -22,7 +20,7 @@ ADDED: Final = {"rate": 1_600, "tree": 1_900, "edits": 6_000}
 ADDED_INFORMED: Final = {"rate": 3_500, "tree": 7_000, "edits": 0}
 """Characters that informed prompts add to them, by measurement."""
 ADDED_MOST: Final = 40_000  # most characters of a generation in a prompt
-PROBES: Final = 6  # most calls of the probe
+PROBES: Final = 4  # most requests of the probe that are answered
 NEAR: Final = 1.2  # factor on the shortest cached length, as tokens are only estimated
 
 
@@ -44,7 +42,7 @@ class SupervisedRuns:
 def costs(runs: Sequence[SupervisedRuns]) -> str:
     """A line on what all runs together are expected to cost, and on the most they can cost."""
     number = sum(r.number for r in runs)
-    likely, most = (reduce(add, map(bill, runs)) for bill in (expected, at_most))
+    likely, most = (sum(map(bill, runs), Bill()) for bill in (expected, at_most))
     return (
         f"The language model ({', '.join(sorted({r.settings.model_name for r in runs}))}):"
         f" {_words(likely)} are expected in {number} run{'s' * (number != 1)}, at most"
@@ -54,7 +52,7 @@ def costs(runs: Sequence[SupervisedRuns]) -> str:
 
 def _words(bill: Bill) -> str:
     dollars = "an unknown price" if isnan(bill.usd) else f"{bill.usd:,.2f} US dollars"
-    tokens = f"{bill.input:,.0f} tokens in, {bill.output:,.0f} out"
+    tokens = f"{bill.input_tokens:,.0f} tokens in, {bill.output_tokens:,.0f} out"
     return f"{bill.requests:,.0f} requests, {tokens}, {dollars}"
 
 
@@ -67,26 +65,24 @@ def expected(runs: SupervisedRuns) -> Bill:
     settings, times = runs.settings, runs.times
     questions = Questions(settings, runs.context)
     shortest = settings.facts.caches_from if settings.cache else None
-    usage = Usage()
+    usage = Usage(output=times * len(questions.parts) * answer_tokens(settings))
     for part, request in questions.blank_requests().items():
         added = ADDED[part] + ADDED_INFORMED[part] * questions.informed
         characters = settings.facts.characters
         system = round(len(request.system) / characters)
         usage += Usage(round(times * (len(request.turns[0]) + added) / characters))
-        usage += Usage(output=times * (ANSWER + most_thoughts(settings)))
         if shortest is not None and system >= NEAR * shortest:
-            usage += Usage(
-                cache_read=max(0, times - 1) * system, cache_write=min(1, times) * system
-            )
+            reads, writes = max(0, times - 1) * system, min(1, times) * system
+            usage += Usage(cache_read=reads, cache_write=writes)
         else:
             usage += Usage(times * system)
     bill = Bill.of(times * len(questions.parts) + 1, usage, settings.price)  # and the probe
     return bill.times(runs.number)
 
 
-def most_thoughts(settings: LLMSettings) -> int:
-    """Expected thinking tokens before an answer; 0 for a model that does not think."""
-    return min(THOUGHTS, settings.reply_tokens - settings.max_tokens)
+def answer_tokens(settings: LLMSettings) -> int:
+    """Expected tokens of an answer, with thinking before it."""
+    return ANSWER + min(THOUGHTS, settings.reply_tokens - settings.max_tokens)
 
 
 def at_most(runs: SupervisedRuns) -> Bill:
@@ -96,14 +92,9 @@ def at_most(runs: SupervisedRuns) -> Bill:
     """
     settings = runs.settings
     times = runs.times * settings.retry.attempts * (1 + settings.repairs)
-    requests = Questions(settings, runs.context).blank_requests()
     longer = MAX_QUOTED * settings.repairs + ADDED_MOST
-    usage = sum((most_tokens(r, longer=longer) for r in requests.values()), Usage()).times(times)
-    n = times * len(requests) + PROBES * settings.retry.attempts
-    bill = Bill.at_most(n, usage, settings.price)
-    requests_, tokens, output, usd = (
-        cost if cap is None else min(cost, cap)
-        for cost, cap in bill.against(settings.caps).values()
-    )
-    usd = bill.usd if isnan(bill.usd) else usd
-    return Bill(requests_, tokens, output, usd).times(runs.number)
+    bill = Bill.of(PROBES * settings.retry.attempts, Usage(), settings.price)
+    for request in Questions(settings, runs.context).blank_requests().values():
+        tokens = most_tokens(request, longer=longer)
+        bill += Bill.at_most(1, tokens, settings.price).times(times)
+    return bill.capped(settings.caps).times(runs.number)

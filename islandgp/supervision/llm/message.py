@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Iterable
 from dataclasses import asdict, astuple, dataclass, replace
 from enum import StrEnum
 from operator import add
@@ -25,16 +26,12 @@ MAX_QUOTED: Final = 6000  # most characters of a rejected answer that a repair t
 class FailureKind(StrEnum):
     """Reason why an attempt has no answer."""
 
-    TIMEOUT = "timeout"  # no complete answer before the deadline
-    LATE = "late"  # 408, 504, 524: timeout of a gateway
+    TIMEOUT = "timeout"  # no complete answer before the deadline; also that of a gateway
     UNREACHABLE = "unreachable"  # no connection before the deadline; nothing was sent
-    UNTRUSTED = "untrusted"  # certificate of an unknown authority; nothing was sent
     CUT = "cut"  # the connection was closed early
     RATE_LIMITED = "rate_limited"  # 429
-    OVERLOADED = "overloaded"  # 529
-    SERVER = "server"  # other 5xx, and 409, which can be retried
-    MALFORMED = "malformed"  # the body is not a message: HTML, truncated, wrong types
-    FOREIGN = "foreign"  # an answer in OpenAI's format
+    SERVER = "server"  # 5xx, and 409, which can be retried
+    MALFORMED = "malformed"  # the body is no answer of the interface: HTML, truncated, wrong types
     REJECTED = "rejected"  # 400 and other 4xx: the request itself is invalid
     UNAUTHORISED = "unauthorised"  # 401, 403: the key is invalid
     NOT_FOUND = "not_found"  # 404, 405, 410, 501: unknown model or address
@@ -45,19 +42,14 @@ class FailureKind(StrEnum):
 
 
 _K = FailureKind
-CHARGED: Final = frozenset({_K.TIMEOUT, _K.LATE, _K.CUT, _K.MALFORMED, _K.FOREIGN})
+CHARGED: Final = frozenset({_K.TIMEOUT, _K.CUT, _K.MALFORMED})
 """Failures whose request may have been processed and charged, by an unknown amount."""
 
-TRANSIENT: Final = frozenset(
-    {*CHARGED, _K.UNREACHABLE, _K.RATE_LIMITED, _K.OVERLOADED, _K.SERVER} - {_K.FOREIGN}
-)
+TRANSIENT: Final = CHARGED | {_K.UNREACHABLE, _K.RATE_LIMITED, _K.SERVER}
 """Failures after which another attempt may succeed."""
 
-HOPELESS: Final = frozenset({_K.UNAUTHORISED, _K.NOT_FOUND, _K.NO_CREDIT, _K.TOO_LONG, _K.FOREIGN})
+HOPELESS: Final = frozenset({_K.UNAUTHORISED, _K.NOT_FOUND, _K.NO_CREDIT, _K.TOO_LONG})
 """Failures that no later attempt heals; their question is not asked again in a run."""
-
-UNSENT: Final = frozenset({_K.UNREACHABLE, _K.UNTRUSTED})
-"""Failures without a connection; they do not count as requests."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -77,10 +69,6 @@ class Usage:
     def __add__(self, other: Usage) -> Usage:
         return Usage(*map(add, astuple(self), astuple(other)))
 
-    def times(self, factor: float) -> Usage:
-        """Each count times a factor, rounded."""
-        return Usage(*(round(factor * count) for count in astuple(self)))
-
 
 @dataclass(frozen=True, slots=True)
 class Request:
@@ -94,7 +82,7 @@ class Request:
     schema: dict[str, Any] | None = None  # JSON schema of the answer; None: not sent
     cache: bool = False  # let the server cache the system prompt
     extra: dict[str, Any] | None = None  # further fields of the request's body; None: none
-    grammar: str | None = None  # of the answer, in GBNF; None: not sent
+    grammar: str | None = None  # of the answer, in GBNF, sent instead of the schema
 
     @property
     def digest(self) -> str:
@@ -106,29 +94,23 @@ class Request:
         """SHA-256 of the rendered prompt alone, hexadecimal."""
         return sha256_of([self.system, *self.turns])
 
+    @property
+    def characters(self) -> int:
+        """The length of the prompt."""
+        return len(self.system) + sum(map(len, self.turns))
+
     def plain(self) -> dict[str, Any]:
         """The request as JSON values, without secrets in the extra fields."""
         return {**asdict(self), "extra": without_secrets(self.extra)}
 
+    def without(self, names: Iterable[str]) -> Request:
+        """The request with None for optional parameters."""
+        none: dict[str, Any] = dict.fromkeys(names)
+        return replace(self, **none)
+
     def followed_by(self, answer: str, question: str) -> Request:
         """The request extended by an answer and a further user turn; no turn is empty."""
         return replace(self, turns=(*self.turns, answer if answer.strip() else NO_TEXT, question))
-
-
-@dataclass(frozen=True, slots=True)
-class ServerCapabilities:
-    """The optional parameters that a server supports."""
-
-    structured: bool  # True: a JSON schema is sent; False: a JSON object is searched in the text
-    temperature: float | None  # None: not sent
-    note: str  # result of the probe, one line
-    grammar: bool = False  # True: a grammar of the answer is sent instead of a schema
-
-    def __str__(self) -> str:
-        output = "structured output" if self.structured else "JSON found in text"
-        output = "decoding by a grammar" if self.grammar else output
-        heat = "no temperature" if self.temperature is None else f"temperature {self.temperature:g}"
-        return f"{output}, {heat} ({self.note})"
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +130,6 @@ class Failure:
     kind: FailureKind
     message: str  # one line
     retry_after: float | None = None  # s to wait, as requested by the server
-    should_retry: bool | None = None  # as requested by the server; None: no such request
 
 
 class Client(Protocol):
@@ -163,7 +144,7 @@ class Client(Protocol):
 
         Args:
             request: the request.
-            seconds: deadline, > 0; in any case the call returns after this time.
+            seconds: deadline, > 0; in any case the call returns soon after this time.
 
         Returns:
             The reply, or the failure.
@@ -179,6 +160,11 @@ def clean(text: str) -> str:
     """Text without lone surrogates and control characters, cut after MAX_ANSWER characters."""
     encodable = text[: MAX_ANSWER + 1].encode("utf-8", "replace").decode("utf-8")
     return "".join(c if c.isprintable() or c in "\n\t" else " " for c in encodable)
+
+
+def line(text: str) -> str:
+    """A text as one line of at most 300 characters."""
+    return " ".join(clean(text).split())[:300]
 
 
 def sha256_of(value: Any) -> str:

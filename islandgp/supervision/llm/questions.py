@@ -37,7 +37,7 @@ from islandgp.supervision.llm.history import (
     paths_of,
     run_values,
 )
-from islandgp.supervision.llm.message import Request, ServerCapabilities
+from islandgp.supervision.llm.message import Request
 from islandgp.supervision.llm.prompts import (
     examples,
     fixed_values,
@@ -120,15 +120,7 @@ class Questions:
         """See `GenerationListener`."""
         self.history = self.history.followed_by(generation)
 
-    def requests(
-        self, state: PopulationState, capabilities: ServerCapabilities
-    ) -> dict[str, Request]:
-        """The requests for all parts of the guidance."""
-        return {part: self.request(part, state, capabilities) for part in self.parts}
-
-    def request(
-        self, part: str, state: PopulationState, capabilities: ServerCapabilities
-    ) -> Request:
+    def request(self, part: str, state: PopulationState) -> Request:
         """The request for a part."""
         settings = self.settings
         exploit = state.milestones_reached[self.context.classes.milestones[-1]]
@@ -152,11 +144,11 @@ class Questions:
             system=system,
             turns=(user,),
             max_tokens=settings.reply_tokens,
-            temperature=capabilities.temperature,
-            schema=shape if capabilities.structured else None,
+            temperature=settings.temperature,
+            schema=shape if settings.sends_schema else None,
             cache=settings.cache,
             extra=settings.extra_body,
-            grammar=self._grammar(part, shape, exploit=exploit) if capabilities.grammar else None,
+            grammar=self._grammar(part, shape, exploit=exploit) if settings.sends_grammar else None,
         )
 
     def _of_phase(self, *, exploit: bool) -> dict[str, str]:

@@ -257,6 +257,16 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
         return {**ranges, "rate.least": f"{least:g}", "rate.most": f"{most:g}"}
 
     @property
+    def sends_grammar(self) -> bool:
+        """True if a grammar of the answer is sent; the Messages API has none."""
+        return self.interface != "anthropic" and self.output in ("auto", "grammar")
+
+    @property
+    def sends_schema(self) -> bool:
+        """True if a schema of the answer is sent, for a server that takes no grammar."""
+        return self.output in ("auto", "structured")
+
+    @property
     def facts(self) -> Facts:
         """Other properties of the model; defaults if unknown."""
         return self.prices.facts.get(self.model_name, Facts())

@@ -29,25 +29,26 @@ from islandgp.supervision.llm.calls import (
     Calls,
     Conversation,
     LiveCalls,
+    ask_with_less,
     converse,
-    in_thread,
+    supported,
     unasked,
 )
-from islandgp.supervision.llm.client import ServerClient, sdk_client
+from islandgp.supervision.llm.client import ServerClient, in_thread, sdk_client
 from islandgp.supervision.llm.local import LocalClient, model_file
 from islandgp.supervision.llm.message import (
     CHARGED,
     HOPELESS,
+    TRANSIENT,
     Client,
     Failure,
     FailureKind,
+    Reply,
     Request,
-    ServerCapabilities,
 )
-from islandgp.supervision.llm.probe import capabilities_in
 from islandgp.supervision.llm.questions import Questions
-from islandgp.supervision.llm.settings import LLMSettings, check_address
-from islandgp.supervision.llm.transcript import NAME, Played, Start, Transcript
+from islandgp.supervision.llm.settings import LLMSettings, Outage, check_address
+from islandgp.supervision.llm.transcript import NAME, Call, Played, Start, Transcript
 
 SMALL: Final = {"smollm2-135m": "135 million parameters: valid trees, little judgement"}
 """What to expect of small models."""
@@ -59,11 +60,19 @@ Expected a key or an address for supervisor=llm, found none. There are five ways
      supervisor.policy.base_url=http://localhost:11434 supervisor.policy.model=<its model>;
      OpenAI's or another chat-completions API: supervisor.policy.interface=chat as well;
   3. a cloud such as Amazon Bedrock or Google Vertex AI:
-     supervisor.policy.client_factory=anthropic:AsyncAnthropicBedrock (docs/llm.md, Clouds);
+     supervisor.policy.client_factory=anthropic:AnthropicBedrock (docs/llm.md, Clouds);
   4. a small model in this process: supervisor=local (pip install 'islandgp[local]');
   5. no model: supervisor=expert works offline and free of charge, and
      supervisor=replay supervisor.policy.transcript=<a run's folder> repeats a recorded run."""
 
+_OPENAI: Final = "a server with OpenAI's API only needs supervisor.policy.interface=chat"
+_REMEDIES: Final = {
+    FailureKind.UNREACHABLE: "start the server, or set supervisor.policy.base_url (and"
+    " SSL_CERT_FILE for a certificate of your own)",
+    FailureKind.NOT_FOUND: f"set supervisor.policy.model or supervisor.policy.base_url; {_OPENAI}",
+    FailureKind.MALFORMED: f"set supervisor.policy.base_url; {_OPENAI}",
+    FailureKind.UNAUTHORISED: "set another key (docs/llm.md, Keys)",
+}
 
 FEW: Final = 0.4  # share of a prompt's expected tokens below which it was cut
 REASON: Final = 600  # most characters of a fallback's reason in the record
@@ -73,6 +82,14 @@ FIELDS: Final = {
     "edits": ["edits"],
 }
 """Fields of the guidance by the part that sets them."""
+
+_GREETING: Final[dict[str, Any]] = {
+    "type": "object",
+    "properties": {"greeting": {"type": "string"}},
+    "required": ["greeting"],
+    "additionalProperties": False,
+}
+_GREETING_GRAMMAR: Final = 'root ::= "{\\"greeting\\": \\"Hello.\\"}"'
 
 
 class Adviser:
@@ -92,16 +109,13 @@ class Adviser:
         `rng` is consumed by the fallback.
 
         Raises:
-            SupervisionError: too many unusable answers in a row, with `useless.then` "stop".
+            SupervisionError: too many unusable answers in a row, with `on_outage` "stop".
         """
         generation, questions = state.now.generation, self.questions
-        server = self._given_up(calls, generation) or capabilities_in(
-            generation, calls, self.settings
-        )
-        if isinstance(server, Failure):
-            answers = {part: unasked(calls, generation, part, server) for part in questions.parts}
+        if failure := self._given_up(calls, generation):
+            answers = {part: unasked(calls, generation, part, failure) for part in questions.parts}
         else:
-            answers = self._answers(state, calls, server)
+            answers = self._answers(state, calls)
             if episodes := questions.episodes(state):
                 calls.transcript.add(Played(generation, episodes))
         missing = sum(answer.guidance is None for answer in answers.values())
@@ -138,34 +152,25 @@ class Adviser:
             FailureKind.USELESS, f"no usable answer to {len(useless)} questions in a row{last}"
         )
 
-    def _answers(
-        self,
-        state: PopulationState,
-        calls: Calls,
-        capabilities: ServerCapabilities,
-    ) -> dict[str, Conversation]:
+    def _answers(self, state: PopulationState, calls: Calls) -> dict[str, Conversation]:
         """Asks for all parts at the same time; one by one if one of them could reach a cap."""
-        requests = self.questions.requests(state, capabilities)
-        work = {p: partial(self._ask, p, state, calls, request) for p, request in requests.items()}
+        generation, questions = state.now.generation, self.questions
+        work = {
+            part: partial(
+                converse,
+                *(calls, generation, part),
+                supported(questions.request(part, state), calls.transcript, generation),
+                questions.check(part, state),
+                repairs=self.settings.repairs,
+                repair=questions.repair,
+            )
+            for part in questions.parts
+        }
         caps = self.settings.caps.model_dump(exclude={"seconds"}).values()
         together = isinstance(calls, LiveCalls) and not any(cap is not None for cap in caps)
         # The first is asked in this thread, the others beside it.
         aside = {part: in_thread(work[part]) for part in [*work][1:] if together}
         return {part: aside[part].result() if part in aside else work[part]() for part in work}
-
-    def _ask(
-        self, part: str, state: PopulationState, calls: Calls, request: Request
-    ) -> Conversation:
-        questions = self.questions
-        return converse(
-            calls,
-            state.now.generation,
-            part,
-            request,
-            questions.check(part, state),
-            repairs=self.settings.repairs,
-            repair=questions.repair,
-        )
 
 
 def _notes(answers: Mapping[str, Conversation]) -> dict[str, str]:
@@ -215,46 +220,31 @@ class LLM:
     def make(cls, settings: LLMSettings, context: RunContext) -> LLM:
         """See `Supervisor`."""
         cls.check(settings, context)
-        if settings.interface == "local":
-            return cls(settings, context, LocalClient(settings.model))
-        client = ServerClient(
-            _key(settings),
-            settings.address,
-            interface=settings.interface,
-            factory=settings.client_factory,
-            secrets=tuple(secrets_in(settings.extra_body)),
-        )
-        return cls(settings, context, client)
+        return cls(settings, context, client_of(settings))
 
     def __init__(self, settings: LLMSettings, context: RunContext, client: Client) -> None:
         """Sends and writes nothing; `start` or the first `advise` does."""
         self.settings, self.context, self.client = settings, context, client
         self.adviser = Adviser(settings, context)
         self._calls: LiveCalls | None = None
-        self._warned = self._cut = False
+        self._warned: set[str] = set()
 
     def start(self) -> str:
         """See `SupervisorLifecycle`. Opens the transcript and probes the server."""
-        calls = self._open()
-        try:
-            capabilities = capabilities_in(-1, calls, self.settings)
-        except SupervisionError:
-            self.close()
-            raise
-        known = capabilities if isinstance(capabilities, ServerCapabilities) else None
+        calls, name = self._open(), self.settings.model_name
         if calls.transcript.start is None:
+            try:
+                server = probe(calls, self.settings)
+            except SupervisionError:
+                self.close()
+                raise
             settings = self.settings.model_dump(mode="json", exclude={"api_key", "client_factory"})
             settings["extra_body"] = without_secrets(settings["extra_body"])
-            calls.transcript.add(Start(settings, known))
-        server = str(capabilities)
-        if isinstance(capabilities, Failure):
-            server = f"no answer yet: {capabilities.message}; the fallback is used meanwhile"
-        name = self.settings.model_name
-        lines = [
-            f"Supervised by {name} at {self.settings.place}: {server}",
-            SMALL.get(name, ""),
-        ]
-        return "\n".join(line for line in lines if line)
+            calls.transcript.add(Start(settings))
+        else:
+            server = "asked before"
+        lines = [f"Supervised by {name} at {self.settings.place}: {server}", SMALL.get(name, "")]
+        return "\n".join(filter(None, lines))
 
     def on_generation(self, generation: GenerationView) -> None:
         """See `GenerationListener`."""
@@ -272,8 +262,7 @@ class LLM:
             self.start()
         generation = state.now.generation
         guidance = self.adviser.advise(state, rng, calls)
-        self._warn(guidance, generation)
-        self._warn_of_cuts(calls.transcript)
+        self._warn(guidance, generation, calls.transcript)
         played = [p.episodes for p in calls.transcript.played if p.generation == generation]
         return replace(guidance, episodes=sum(played))
 
@@ -289,60 +278,117 @@ class LLM:
 
     def _open(self) -> LiveCalls:
         if self._calls is None:
-            folder, settings = self.context.folder, self.settings
+            folder = self.context.folder
             transcript = Transcript(None if folder is None else folder / NAME)
-            self._calls = LiveCalls(
-                self.client,
-                transcript,
-                Ledger(transcript, settings.price, settings.caps),
-                settings.retry.model_copy(update={"deadline": settings.deadline}),
-                seed=self.context.seed,
-                on_outage=settings.on_outage,
-                pace=pace_of(settings),
+            self._calls = live_calls(
+                self.client, transcript, self.settings, self.context.seed, self.settings.on_outage
             )
         return self._calls
 
-    def _warn(self, guidance: Guidance, generation: int) -> None:
-        """Logs one warning when the model is no longer asked; records have it each time."""
+    def _warn(self, guidance: Guidance, generation: int, transcript: Transcript) -> None:
+        """Logs two things, each once: that the model is no longer asked, and that prompts are cut.
+
+        Records have the former each time. A server that counts far fewer tokens than a prompt must
+        have cuts it.
+        """
         kinds = (FailureKind.BUDGET, FailureKind.USELESS, *HOPELESS)
         final = tuple(f"fallback: {kind}: " for kind in kinds)
         reasons = [note for note in guidance.notes.values() if note.startswith(final)]
-        if reasons and not self._warned:
-            self._warned = True
-            logging.getLogger("islandgp").warning(
-                "Supervision continues with the fallback from generation %d: %s",
-                generation,
+        if reasons:
+            self._warn_once(
+                f"Supervision continues with the fallback from generation {generation}",
                 reasons[0].split(": ", 2)[2],
             )
-
-    def _warn_of_cuts(self, transcript: Transcript) -> None:
-        """Logs one warning if a server counts far fewer tokens than a prompt must have."""
         last = transcript.attempts[-1] if transcript.attempts else None
-        if self._cut or last is None or last.usage is None:
-            return
-        prompt = len(last.request.system) + sum(map(len, last.request.turns))
-        expected = prompt / self.settings.facts.characters
-        if last.usage.read < FEW * expected:
-            self._cut = True
-            logging.getLogger("islandgp").warning(
-                "%s counted %d tokens of a prompt of about %d: it may cut prompts silently; enlarge"
-                " its context (for Ollama OLLAMA_CONTEXT_LENGTH)",
-                *(self.settings.place, last.usage.read, expected),
-            )
+        if last is not None and last.usage is not None and isinstance(last.answer, Reply):
+            expected = last.request.characters / self.settings.facts.characters
+            if last.usage.read < FEW * expected:
+                self._warn_once(
+                    f"{self.settings.place} may cut prompts silently",
+                    f"it counted {last.usage.read} tokens of a prompt of about {expected:.0f};"
+                    " enlarge its context (for Ollama OLLAMA_CONTEXT_LENGTH)",
+                )
 
-
-def pace_of(settings: LLMSettings) -> Pace | None:
-    """The turns with other runs; None without limits."""
-    if not settings.per_minute.is_limited:
-        return None
-    place, characters = settings.place, settings.facts.characters
-    return Pace(settings.per_minute, place, Path(gettempdir()), characters)
+    def _warn_once(self, what: str, why: str) -> None:
+        kind = what.partition(" from ")[0]
+        if kind not in self._warned:
+            self._warned.add(kind)
+            logging.getLogger("islandgp").warning("%s: %s", what, why)
 
 
 class Local(LLM):
     """A small model in this process; the settings choose it."""
 
     name = "local"
+
+
+def probe(calls: LiveCalls, settings: LLMSettings) -> str:
+    """Asks for a greeting; returns what the server supports, in words.
+
+    Raises:
+        SupervisionError: no request of this run can succeed: the key, the model or the address
+            is wrong, or no server listens there.
+    """
+    request = Request(
+        settings.model_name,
+        "Answer in one short sentence.",
+        ("Please greet me.",),
+        settings.reply_tokens,
+        settings.temperature,
+        _GREETING if settings.sends_schema else None,
+        extra=settings.extra_body,
+        grammar=_GREETING_GRAMMAR if settings.sends_grammar else None,
+    )
+    _, answer = ask_with_less(calls, Call(-1, "probe", 0), request)
+    busy = TRANSIENT - {FailureKind.UNREACHABLE, FailureKind.MALFORMED} | {FailureKind.BUDGET}
+    if isinstance(answer, Failure):
+        if answer.kind in busy and settings.on_outage != "stop":
+            return f"no answer yet: {answer.message}; the fallback is used meanwhile"
+        remedy = "see the server's message, or use supervisor=expert, which needs no server"
+        raise SupervisionError(
+            f"Expected an answer of the model {settings.model_name} from {settings.place}, found"
+            f" {answer.kind} ({answer.message}); {_REMEDIES.get(answer.kind, remedy)}."
+        )
+    known = supported(request, calls.transcript, 0)
+    if settings.output == "grammar" and known.grammar is None:
+        raise SupervisionError(
+            "supervisor.policy.output=grammar: expected a server that decodes by a grammar at"
+            f" {settings.place}, found an answer without it; set supervisor.policy.output=auto."
+        )
+    output = "structured output" if known.schema else "JSON found in text"
+    output = "decoding by a grammar" if known.grammar else output
+    heat = "no temperature" if known.temperature is None else f"temperature {known.temperature:g}"
+    return f"{output}, {heat}"
+
+
+def client_of(settings: LLMSettings) -> Client:
+    """The client of a model, without a connection."""
+    if settings.interface == "local":
+        return LocalClient(settings.model)
+    return ServerClient(
+        _key(settings),
+        settings.address,
+        interface=settings.interface,
+        factory=settings.client_factory,
+        secrets=tuple(secrets_in(settings.extra_body)),
+    )
+
+
+def live_calls(
+    client: Client, transcript: Transcript, settings: LLMSettings, seed: int, on_outage: Outage
+) -> LiveCalls:
+    """The calls of a run, with its ledger and its turns with other runs."""
+    place, limits, characters = settings.place, settings.per_minute, settings.facts.characters
+    pace = Pace(limits, place, Path(gettempdir()), characters) if limits.is_limited else None
+    return LiveCalls(
+        client,
+        transcript,
+        Ledger(transcript, settings.price, settings.caps),
+        settings.retry.model_copy(update={"deadline": settings.deadline}),
+        seed=seed,
+        on_outage=on_outage,
+        pace=pace,
+    )
 
 
 def _key(settings: LLMSettings) -> str | None:

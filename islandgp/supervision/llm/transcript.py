@@ -2,16 +2,17 @@
 
 Resumed runs and replays read answers from it, and the ledger sums up its tokens. The lines are
 JSON objects. The field `line` is the kind of a line, the other fields are those of its class in
-KINDS, and `checksum` covers them all. The request of an attempt has the hash of its system prompt,
-whose text is in a line of its own.
+KINDS. The request of an attempt has the hash of its system prompt, whose text is in a line of its
+own.
 """
 
 from __future__ import annotations
 
 import json
 import os
+import textwrap
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from threading import Lock
@@ -26,7 +27,6 @@ from islandgp.supervision.llm.message import (
     FailureKind,
     Reply,
     Request,
-    ServerCapabilities,
     Usage,
     sha256_of,
 )
@@ -34,6 +34,7 @@ from islandgp.supervision.llm.message import (
 E = TypeVar("E")
 
 NAME: Final = "transcript.jsonl"
+MAX_SHOWN: Final = 500  # most characters of an answer in a description of all of them
 _SHARED: Final = ("system", "grammar")  # fields of requests whose texts are written once
 
 
@@ -42,19 +43,10 @@ class Start:
     """The beginning of a run."""
 
     settings: dict[str, Any]  # of the supervisor
-    capabilities: ServerCapabilities | None  # None: the server did not answer yet
 
 
 @dataclass(frozen=True, slots=True)
-class Learnt:
-    """The capabilities of a server that answered late."""
-
-    generation: int  # the first in which they were known
-    capabilities: ServerCapabilities
-
-
-@dataclass(frozen=True, slots=True)
-class SystemPrompt:
+class SharedText:
     """A system prompt or a grammar, before the first attempt that sends it."""
 
     sha256: str  # hexadecimal
@@ -81,7 +73,7 @@ class Sent:
     call: Call
     number: int  # from 1
     at_most: Usage  # upper bound of its tokens
-    seconds: float = 0.0  # upper bound, including the wait before it
+    seconds: float  # upper bound, including the wait before it
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,6 +90,11 @@ class Attempt:
     seconds: float  # until the answer
     waited: float  # s before the attempt
     at: str  # ISO time of the start
+
+    @property
+    def failed(self) -> FailureKind | None:
+        """The kind of the failure; None: there is a reply."""
+        return self.answer.kind if isinstance(self.answer, Failure) else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,12 +117,11 @@ class Played:
     episodes: int
 
 
-Entry = Start | Learnt | SystemPrompt | Sent | Attempt | Conclusion | Played
+Entry = Start | SharedText | Sent | Attempt | Conclusion | Played
 
 KINDS: Final[Mapping[str, type[Entry]]] = {
     "start": Start,
-    "learnt": Learnt,
-    "system": SystemPrompt,
+    "system": SharedText,
     "sent": Sent,
     "attempt": Attempt,
     "part": Conclusion,
@@ -134,36 +130,27 @@ KINDS: Final[Mapping[str, type[Entry]]] = {
 _NAMES: Final = {kind: name for name, kind in KINDS.items()}
 
 
-@dataclass(frozen=True, slots=True)
-class TranscriptLine:
-    """A line of a transcript file."""
-
-    number: int  # from 1
-    entry: Entry | None  # None: with a fault, or of an unknown kind
-    fault: str = ""  # what is wrong with it, or ""
-
-
-def read_lines(lines: Iterable[bytes]) -> Iterator[TranscriptLine]:
-    """Reads each line; a damaged or changed one has a fault and does not end the iteration."""
-    systems: dict[str, str] = {}
-    for number, raw in enumerate(lines, 1):
-        entry, fault = None, ""
+def read_entries(content: bytes, path: Path) -> Iterator[Entry]:
+    """The entries of a transcript's lines. Raises SupervisionError for a damaged line."""
+    texts: dict[str, str] = {}
+    for number, raw in enumerate(content.splitlines(), 1):
         try:
-            plain = read_json(raw)
-            kind, checksum = plain.pop("line"), plain.pop("checksum", None)
-            if checksum not in (None, sha256_of({"line": kind, **plain})):
-                fault = "changed: its checksum differs"
-            elif kind in KINDS:
-                if kind == "attempt":
-                    for name in _SHARED:
-                        if digest := plain["request"].get(name):
-                            plain["request"][name] = systems[digest]
-                entry = from_json(KINDS[kind], plain)
-                if isinstance(entry, SystemPrompt):
-                    systems[entry.sha256] = entry.text
+            values = read_json(raw)
+            kind = KINDS[values.pop("line")]
+            if kind is Attempt:
+                for name in _SHARED:
+                    if digest := values["request"].get(name):
+                        values["request"][name] = texts[digest]
+            entry = from_json(kind, values)
         except DECODE_ERRORS as error:
-            fault = f"damaged: {type(error).__name__}: {error}"
-        yield TranscriptLine(number, entry, fault)
+            raise SupervisionError(
+                f"Expected {path} as it was written, found line {number} damaged"
+                f" ({type(error).__name__}: {error}); restore the original, or start the run again"
+                " with resume=never."
+            ) from None
+        if isinstance(entry, SharedText):
+            texts[entry.sha256] = entry.text
+        yield entry
 
 
 class Transcript:
@@ -177,28 +164,16 @@ class Transcript:
             fixed: True: nothing is added to it.
 
         Raises:
-            SupervisionError: the file is not a transcript, or was changed after it was written.
+            SupervisionError: the file is not a transcript, or is damaged.
         """
         self.path, self.fixed = path, fixed
         self._entries: list[Entry] = []
         self._lock = Lock()  # the questions of a generation are asked in several threads
-        self._whole: int | None = None  # bytes of complete lines, if an incomplete one follows
-        if path is None or not path.exists():
-            return
-        content = read_bytes(path)
-        complete = content[: content.rfind(b"\n") + 1]
-        if complete != content:
-            self._whole = len(complete)
-        for line in read_lines(complete.splitlines()):
-            if line.fault:
-                raise SupervisionError(
-                    f"Expected {path} as it was written, found line {line.number} {line.fault};"
-                    " restore the original, or start the run again with resume=never."
-                    " `islandgp transcript` shows the other lines; a line without the field"
-                    " `checksum` is used as it is."
-                )
-            if line.entry is not None:
-                self._entries.append(line.entry)
+        self._size = 0  # bytes of complete lines; a killed process may leave an incomplete one
+        if path is not None and path.exists():
+            content = read_bytes(path)
+            self._size = content.rfind(b"\n") + 1
+            self._entries += read_entries(content[: self._size], path)
 
     def of_kind(self, kind: type[E]) -> list[E]:
         """The entries of a class, in order."""
@@ -228,13 +203,6 @@ class Transcript:
         """The attempts at a call, in order."""
         return [a for a in self.attempts if a.call == call]
 
-    def capabilities(self, generation: float) -> ServerCapabilities | None:
-        """The server's capabilities in a generation; None if they were not known yet."""
-        if self.start is not None and self.start.capabilities is not None:
-            return self.start.capabilities
-        known = [each for each in self.of_kind(Learnt) if each.generation <= generation]
-        return known[0].capabilities if known else None
-
     def useless_before(self, generation: int) -> list[Conclusion]:
         """The last questions in a row before a generation without a usable answer.
 
@@ -254,7 +222,7 @@ class Transcript:
         Attempts that a cap prevented are left out.
         """
         with self._lock:
-            attempts = [a for a in self.attempts if not _is_refused_by_cap(a)]
+            attempts = [a for a in self.attempts if a.failed is not FailureKind.BUDGET]
             answered = Counter((a.call, a.number) for a in attempts)
             unanswered = []
             for request in reversed(self.of_kind(Sent)):  # of two the later has the outcome
@@ -280,7 +248,7 @@ class Transcript:
                     if (text := getattr(entry.request, name)) is None:
                         continue
                     values["request"][name] = sha256_of(text)
-                    if (shared := SystemPrompt(sha256_of(text), text)) not in self._entries:
+                    if (shared := SharedText(sha256_of(text), text)) not in self._entries:
                         self._entries.append(shared)
                         self._write({"line": "system", **asdict(shared)})
             self._entries.append(entry)
@@ -289,20 +257,14 @@ class Transcript:
     def _write(self, line: Mapping[str, Any]) -> None:
         if self.path is None:
             return
+        data = json.dumps(line, ensure_ascii=False, allow_nan=False).encode() + b"\n"
         self.path.parent.mkdir(parents=True, exist_ok=True)
         with self.path.open("ab") as file:
-            if self._whole is not None:
-                file.truncate(self._whole)
-            self._whole = file.seek(0, os.SEEK_END)  # a failed write may leave an incomplete line
-            record = {**line, "checksum": sha256_of(line)}
-            file.write(json.dumps(record, ensure_ascii=False, allow_nan=False).encode() + b"\n")
+            file.truncate(self._size)  # without the incomplete line of a kill or a full disk
+            file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        self._whole = None
-
-
-def _is_refused_by_cap(attempt: Attempt) -> bool:
-    return isinstance(attempt.answer, Failure) and attempt.answer.kind is FailureKind.BUDGET
+        self._size += len(data)
 
 
 def find_transcript(place: Path) -> Path:
@@ -318,3 +280,38 @@ def find_transcript(place: Path) -> Path:
             " a run with supervisor=llm writes one to its folder."
         )
     return path
+
+
+def describe(transcript: Transcript, generation: int | None) -> Iterator[str]:
+    """Texts of the attempts and results of a transcript, in order.
+
+    Of one generation the whole prompts and replies are shown, -1 being the probe; of all of them
+    (None) the beginnings of the replies.
+    """
+    for entry in transcript.of_kind(object):
+        if isinstance(entry, Attempt) and generation in (None, entry.call.generation):
+            yield _attempt(entry, whole=generation is not None)
+        if isinstance(entry, Conclusion) and generation in (None, entry.generation):
+            yield f"  {entry.part}: {entry.source}" + f": {entry.why}" * bool(entry.why)
+    for request in transcript.requests()[1]:
+        yield f"{request.call}: sent, no answer is recorded"
+
+
+def _attempt(a: Attempt, *, whole: bool) -> str:
+    """An attempt: model, tokens, dollars, seconds, and its answer; `whole`: with the prompts."""
+    usage, usd = a.usage, a.usd
+    tokens = f"{usage.read:,} tokens in, {usage.output:,} out" if usage else "unknown tokens"
+    dollars = "unknown dollars" if usd is None else f"{usd:.4f} dollars"
+    head = (
+        f"{a.call}, attempt {a.number}: {a.request.model}, {tokens}, {dollars}, {a.seconds:.1f} s"
+    )
+    if isinstance(a.answer, Failure):
+        answer = [f"failed: {a.answer.kind}: {a.answer.message}"]
+    else:
+        text, stop = a.answer.text, a.answer.stop_reason or "unknown"
+        cut = text if whole or len(text) <= MAX_SHOWN else f"{text[:MAX_SHOWN]}..."
+        answer = [f"thinking:\n{a.answer.thinking}"] * bool(whole and a.answer.thinking)
+        answer += [*[f"stop reason: {stop}"] * (stop != "end_turn"), cut]
+    parts = [*((a.request.system, *a.request.turns) if whole else ()), *answer]
+    texts = [part.strip() for part in parts]
+    return head + "".join(f"\n{textwrap.indent(text, '  ')}" for text in texts if text)

@@ -13,7 +13,7 @@ from islandgp.config.settings import Settings
 from islandgp.errors import ConfigError
 from islandgp.supervision.editor import EditorSettings
 from islandgp.supervision.llm.settings import LLMSettings
-from islandgp.supervision.llm.supervisor import LLM
+from islandgp.supervision.llm.supervisor import LLM, client_of
 from islandgp_judge.judge import (
     HEAD,
     POPULATIONS,
@@ -82,8 +82,8 @@ def command(
     )
     judge.free(click.echo)
     if policy is not None:
-        case = judge.cases[0]
-        client = LLM.make(policy, case.context).client
+        LLM.check(policy, judge.cases[0].context)
+        client = client_of(policy)
         try:
             judge.ask(policy, client, output, click.echo)
         finally:

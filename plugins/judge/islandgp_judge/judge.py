@@ -31,7 +31,7 @@ from islandgp.bt.core.node import Limits, Node, size, within
 from islandgp.bt.export.grammar import tree_grammar
 from islandgp.bt.export.grammar_walk import random_text
 from islandgp.config.settings import Settings
-from islandgp.errors import RunError, SupervisionError
+from islandgp.errors import RunError
 from islandgp.evaluation.base import Job
 from islandgp.evaluation.serial import Serial
 from islandgp.evolution.generation import evaluate, summarized
@@ -48,23 +48,20 @@ from islandgp.statistics import PairedTest, paired_test
 from islandgp.supervision.base import GenerationView, RunContext
 from islandgp.supervision.editor import Editor, EditorSettings
 from islandgp.supervision.library import Library
-from islandgp.supervision.llm.budget import Bill, Ledger
-from islandgp.supervision.llm.calls import LiveCalls, converse
-from islandgp.supervision.llm.estimate import ANSWER, most_thoughts
+from islandgp.supervision.llm.budget import Bill
+from islandgp.supervision.llm.calls import LiveCalls, converse, supported
+from islandgp.supervision.llm.estimate import answer_tokens
 from islandgp.supervision.llm.history import parents_of
 from islandgp.supervision.llm.message import (
     Client,
-    Failure,
     FailureKind,
     Request,
-    ServerCapabilities,
     Usage,
     sha256_of,
 )
-from islandgp.supervision.llm.probe import capabilities_in
 from islandgp.supervision.llm.questions import Questions
 from islandgp.supervision.llm.settings import LLMSettings
-from islandgp.supervision.llm.supervisor import pace_of
+from islandgp.supervision.llm.supervisor import live_calls, probe
 from islandgp.supervision.llm.transcript import Start, Transcript
 from islandgp.text import in_points
 
@@ -270,30 +267,17 @@ class Judge:
         """
         for arm in ASKED:
             transcript = Transcript(folder / f"{arm}.jsonl")
-            ledger = Ledger(transcript, policy.price, policy.caps)
-            retry = policy.retry.model_copy(update={"deadline": policy.deadline})
-            pace = pace_of(policy)
-            calls = LiveCalls(
-                client, transcript, ledger, retry, seed=0, on_outage="stop", pace=pace
-            )
-            server = capabilities_in(-1, calls, policy)
-            if isinstance(server, Failure):
-                raise SupervisionError(f"Expected an answer of the model, found {server.message}.")
+            calls = live_calls(client, transcript, policy, 0, "stop")
             if transcript.start is None:
-                transcript.add(Start({"arm": arm}, server))
+                probe(calls, policy)
+                transcript.add(Start({"arm": arm}))
             for case in self.cases:
-                self.results.append(self._asked(arm, case, policy, calls, server))
+                self.results.append(self._asked(arm, case, policy, calls))
             echo(self.line(arm))
 
-    def _asked(
-        self,
-        arm: str,
-        case: Case,
-        policy: LLMSettings,
-        calls: LiveCalls,
-        server: ServerCapabilities,
-    ) -> EditResult:
-        questions, request = self.question(arm, case, policy, server)
+    def _asked(self, arm: str, case: Case, policy: LLMSettings, calls: LiveCalls) -> EditResult:
+        questions, request = self.question(arm, case, policy)
+        request = supported(request, calls.transcript, case.index)
         check = questions.check("edits", case.state)
         answer = converse(
             *(calls, case.index, "edits", request, check),
@@ -306,9 +290,7 @@ class Judge:
             return self.worlds.result(arm, case, source, None)
         return self.worlds.result(arm, case, end.source, apply(case, answer.guidance.edits[0]))
 
-    def question(
-        self, arm: str, case: Case, policy: LLMSettings, server: ServerCapabilities
-    ) -> tuple[Questions, Request]:
+    def question(self, arm: str, case: Case, policy: LLMSettings) -> tuple[Questions, Request]:
         """The question of an arm about a case; others differ from `true` in one thing."""
         questions, state = Questions(policy, case.context), case.state
         questions.on_generation(case.view)
@@ -317,7 +299,7 @@ class Judge:
             same = [c for c in self.cases if c.domain == case.domain]
             other = same[(same.index(case) + 1) % len(same)]
             questions.evidence, state = other.view, other.state
-        return questions, questions.request("edits", state, server)
+        return questions, questions.request("edits", state)
 
     def of(self, arm: str) -> list[EditResult]:
         """The results of an arm, without those that a cap prevented."""
@@ -372,12 +354,11 @@ def plan(judge: Judge, policy: LLMSettings | None) -> tuple[dict[str, Any], Bill
     """What will be done and how it is decided, and what one answer to each question costs."""
     asked, bill = {}, Bill(0, 0, 0, 0)
     if policy is not None:
-        plain = ServerCapabilities(False, None, "")
-        requests = [judge.question(a, c, policy, plain)[1] for a in ASKED for c in judge.cases]
+        requests = [judge.question(a, c, policy)[1] for a in ASKED for c in judge.cases]
         digests = [request.prompt_digest for request in requests]
         asked = {"model": policy.model_name, "prompts": sha256_of(digests)}
         characters = sum(len(r.system) + sum(map(len, r.turns)) for r in requests)
-        output = len(requests) * (ANSWER + most_thoughts(policy))
+        output = len(requests) * answer_tokens(policy)
         usage = Usage(round(characters / policy.facts.characters), output)
         bill = Bill.of(len(requests) + len(ASKED), usage, policy.price)
     n = len(judge.cases)

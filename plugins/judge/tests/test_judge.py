@@ -14,7 +14,6 @@ from islandgp.bt.core.language import parse, to_text
 from islandgp.commands.setting import configured
 from islandgp.errors import ConfigError, IslandError, RunError
 from islandgp.supervision.editor import EditorSettings
-from islandgp.supervision.llm.message import ServerCapabilities
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.transcript import Transcript
 from islandgp_judge import judge as judge_module
@@ -147,8 +146,7 @@ def test_the_arms_differ_in_one_thing() -> None:
     """The same system prompt and tree; other points and episodes, or no episodes."""
     judge, policy = judge_of(2)
     case, other = judge.cases
-    plain = ServerCapabilities(False, None, "")
-    of = {arm: judge.question(arm, case, policy, plain)[1] for arm in ASKED}
+    of = {arm: judge.question(arm, case, policy)[1] for arm in ASKED}
     assert len({request.system for request in of.values()}) == 1
     tree = [line for line in of["true"].turns[0].splitlines() if line.startswith("  at ")]
     for request in of.values():
