@@ -17,7 +17,7 @@ from statistics import fmean
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from islandgp.bt.core.builder import MAX_INSTANCES, MAX_LEVELS, MAX_NODES
+from islandgp.bt.core.builder import MAX_LEVELS, MAX_NODES, MAX_STEPS
 from islandgp.bt.core.condition import OPERATORS
 from islandgp.bt.core.includes import MAX_FILES
 from islandgp.bt.core.kind import NodeKind, Sort
@@ -110,9 +110,8 @@ def tables() -> dict[str, str]:
                 ("a number, with either sign", f"{MAX_NUMBER:,}"),
                 ("files that a file includes; their characters count as its own", f"{MAX_FILES:,}"),
                 (
-                    "different arguments with which subtrees are used; actions and subtrees count"
-                    " at each place",
-                    f"{MAX_INSTANCES:,}",
+                    "nodes and uses that are built for all subtrees and their uses",
+                    f"{MAX_STEPS:,}",
                 ),
                 ("comparisons and flags of a condition", f"{MAX_TERMS:,}"),
                 ("keys, numbers and operations in sums of a condition", f"{MAX_OPERANDS:,}"),

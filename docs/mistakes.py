@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import Any, Final
 
-from islandgp.bt.core.inspection import tree_errors
+from islandgp.bt.core.language import tree_errors
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.bt.export.declared import declared
 

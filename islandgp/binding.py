@@ -22,7 +22,7 @@ from threading import Lock
 from typing import Any, Final, Self
 
 from islandgp.bt.core.engine import ABORTED, compile_tree
-from islandgp.bt.core.language import domain_of, domain_place, parse, plain
+from islandgp.bt.core.language import domain_of, domain_place, parse
 from islandgp.bt.core.node import (
     AGAIN,
     FAILURE,
@@ -35,7 +35,7 @@ from islandgp.bt.core.node import (
     written_in,
 )
 from islandgp.bt.core.parameters import bound, referenced
-from islandgp.bt.core.source import Source, closest
+from islandgp.bt.core.source import Source, closest, plain
 from islandgp.bt.core.vocabulary import Key, Vocabulary
 from islandgp.domain_files import class_vocabulary, domain_files
 from islandgp.errors import DomainError, OtherDomainError

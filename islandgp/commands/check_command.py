@@ -12,10 +12,9 @@ from typing import Any, Final, NamedTuple
 import click
 
 from islandgp.bt.analysis.lint import REFUSED, LintWarning, warnings
-from islandgp.bt.core.inspection import tree_errors
-from islandgp.bt.core.language import plain
+from islandgp.bt.core.language import tree_errors
 from islandgp.bt.core.node import Limits, Node, check_limits, depth, size
-from islandgp.bt.core.source import Source
+from islandgp.bt.core.source import Source, plain
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.commands.files import FILE, TreeText, read_tree_text
 from islandgp.commands.options import DomainOptions, with_vocabulary_options

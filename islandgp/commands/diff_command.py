@@ -11,9 +11,7 @@ import click
 
 from islandgp.bt.analysis.compare import Mark, compare
 from islandgp.bt.analysis.simplify import simplify
-from islandgp.bt.core.builder import SourceSpan
-from islandgp.bt.core.inspection import PlacedTree, parse_placed
-from islandgp.bt.core.language import domain_of
+from islandgp.bt.core.language import PlacedTree, SourceSpan, domain_of, parse_placed
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.bt.export.render import label

@@ -8,8 +8,8 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from islandgp.bt.core.language import domain_of, domain_place, plain
-from islandgp.bt.core.source import Source, shown
+from islandgp.bt.core.language import domain_of, domain_place
+from islandgp.bt.core.source import Source, plain, shown
 from islandgp.commands.files import TreeText, read_text, read_tree_text
 from islandgp.commands.options import DomainOptions, EpisodeOptions
 from islandgp.domain_files import domain_class, domain_files

@@ -30,7 +30,7 @@ from islandgp.bt.analysis.numbers import (
     with_numbers,
 )
 from islandgp.bt.core.language import parse, to_text
-from islandgp.bt.core.scope import MAX_NUMBER
+from islandgp.bt.core.node_builder import MAX_NUMBER
 from islandgp.bt.core.vocabulary import Key, Vocabulary, number
 from islandgp.errors import ConfigError
 from islandgp.gp.branches import fine

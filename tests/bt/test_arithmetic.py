@@ -78,8 +78,8 @@ def test_canonical_text(text: str, canonical: str) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("2 < angle", "1:6: unexpected '2'; a comparison begins with its key"),
-        ("2 * 3 < angle", "a comparison begins with its key"),
+        ("2 < angle", "1:6: unexpected '2'"),
+        ("2 * 3 < angle", "Expected a key"),
         ("angle + spin", "a sum must be compared"),
         ("held + 1 > 2", "held is a flag and can't be a part of a sum"),
         ("angle > mode + 1", "mode is one of idle, busy and can't be a part of a sum"),
@@ -88,8 +88,8 @@ def test_canonical_text(text: str, canonical: str) -> None:
         ("angle > wind * 2", "unknown constant or key 'wind'"),
         ("angle + > 3", "unexpected '>'"),
         ("angle > 1 // why", "begins a comment"),
-        ("+".join(["angle"] * 300) + " > 1", "at most 256 keys"),
-        ("-" * 300 + "angle > 1", "the sum is too long"),
+        ("+".join(["angle"] * 300) + " > 1", "256 keys"),
+        ("-" * 300 + "angle > 1", "the condition is too long"),
     ],
 )
 def test_mistakes(text: str, message: str) -> None:

@@ -99,7 +99,6 @@ def test_values_without_quotes() -> None:
         ("selector { none self }", "unknown action 'none'"),
         ("when selector { Go }", "unknown blackboard key 'selector'"),
         ("sequence { Go include }", "unexpected 'include'"),
-        ("use f(sequence { Go })", "name this node as a subtree above"),
     ],
 )
 def test_mistakes(text: str, message: str) -> None:

@@ -59,10 +59,10 @@ def read(text: str) -> Node:
     [
         ("mode == dockin", 14, "unknown word 'dockin' of mode"),
         ("mode == dockin", 14, "Did you mean docking?"),
-        ("mode == 1", 14, "one of idle, docking, driving, or a key of the same words: before"),
-        ("mode < docking", 11, "and can't be compared by '<'"),
+        ("mode == 1", 14, "idle | docking | driving, or a key of the same kind: before"),
+        ("mode < docking", 6, "and can't be compared by '<'"),
         ("mode", 6, "`when mode == idle`"),
-        ("gear == fast", 14, "Expected one of slow."),
+        ("gear == fast", 14, "Expected slow."),
         ("mode == gear", 14, "gear is one of slow; they can't be compared"),
         ("mode == items", 14, "items is a number; they can't be compared"),
         ("items == mode", 15, "items is a number and mode is one of idle"),
@@ -70,7 +70,7 @@ def read(text: str) -> Node:
         ("charge < charge", 15, "charge is compared with itself"),
         ("charge < reserv", 15, "Did you mean reserve?"),
         ("charge < docking", 15, "unknown constant or key 'docking'"),
-        ("mode == größe", 16, "Expected names of the letters a to z, digits and _."),
+        ("mode == größe", 16, "Expected letters a to z, digits, _"),
         ("mode == both", 14, "unknown word 'both' of mode"),
     ],
 )

@@ -13,8 +13,7 @@ import pytest
 
 from islandgp.bt.analysis.lint import CODES, REFUSED, warnings
 from islandgp.bt.core.condition import condition
-from islandgp.bt.core.inspection import tree_errors
-from islandgp.bt.core.language import parse
+from islandgp.bt.core.language import parse, tree_errors
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, walk
 from islandgp.bt.core.vocabulary import Action
 from islandgp.domain import Scene

@@ -191,7 +191,7 @@ def test_comments_of_exported_files() -> None:
     sequence {  # behind
       # a -- b --- \x01 <c> -->
       PatrolWaypoint  # patrol
-      SeekCharger ExecuteCharge  # of the line's first node
+      SeekCharger ExecuteCharge  # of the line's last node
     }
     # after the tree
     """
@@ -205,8 +205,8 @@ def test_comments_of_exported_files() -> None:
         "  # a - - b - - -  <c> - ->",
         "  # patrol",
         "  PatrolWaypoint",
-        "  # of the line's first node",
         "  SeekCharger",
+        "  # of the line's last node",
         "  ExecuteCharge",
         "}",
     ]
@@ -288,7 +288,7 @@ WRONG_JSON = {
     '{"kind": "action"}': "expected nodes of the language",
     '{"kind": "when", "args": {"condition": 1}}': "tree.args: ",
     f'{{"kind": "when", "args": {{"condition": {SUM}}}, {CHILD}}}': "sums as `islandgp fmt` writes",
-    f'{{"kind": "repeater", "args": {{"times": 1e300}}, {CHILD}}}': "a repeater can't repeat",
+    f'{{"kind": "repeater", "args": {{"times": 1e300}}, {CHILD}}}': "is out of range",
     f'{{"kind": "repeater", "args": {{"times": 1e999}}, {CHILD}}}': "1e999 is no number",
     '{"kind": "action", "args": {"name": "SeekCharger", "speed": 3}}': "tree.args: ",
     '{"kind": "inverter", "children": [3]}': "tree.children.0: input should be",

@@ -31,9 +31,9 @@ from islandgp.bt.core.node import (
     Node,
     ParallelArgs,
     commented,
-    comments_of,
     count_of,
     guard_of,
+    marks_of,
     names_in,
     written_in,
 )
@@ -179,7 +179,7 @@ def without_interrupts(branch: Node) -> Node:
     child = without_interrupts(branch.children[0])
     if args == branch.args and child is branch.children[0]:
         return branch  # it may be a subtree, which keeps its name
-    comments = [line for lines in comments_of(branch) for line in lines]
+    comments = [line for mark in marks_of(branch) for line in mark.comments.lines]
     return commented(Node(branch.kind, args, (child,)), comments)
 
 

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from pathlib import Path
-from typing import Any, Final, NamedTuple, TypeAlias
+from typing import Final, NamedTuple, TypeAlias
 
 from islandgp.bt.analysis.conflicts import conflicts
 from islandgp.bt.analysis.context import (
@@ -32,15 +32,12 @@ from islandgp.bt.analysis.satisfiability import (
     shortened,
     without_decimals,
 )
-from islandgp.bt.core.builder import SourceSpan
 from islandgp.bt.core.condition import ConditionExpr, terms
-from islandgp.bt.core.inspection import parse_placed
 from islandgp.bt.core.kinds import advance_status, kind_of
-from islandgp.bt.core.language import plain
-from islandgp.bt.core.node import FAILURE, SUCCESS, GuardArgs, Node, ParallelArgs, size
+from islandgp.bt.core.language import SourceSpan, parse_placed
+from islandgp.bt.core.node import FAILURE, SUCCESS, GuardArgs, Node, ParallelArgs, Place, size
 from islandgp.bt.core.printer import condition_text, head
-from islandgp.bt.core.scope import NUMBER, name_places
-from islandgp.bt.core.source import Source
+from islandgp.bt.core.source import Source, plain
 from islandgp.bt.core.vocabulary import Key, Vocabulary
 
 Above: TypeAlias = tuple[tuple[Node, int], ...]
@@ -93,7 +90,7 @@ Undone: TypeAlias = Callable[[str, int], Sequence[bool]]
 """`_undone_changes` of the places of a tree, by key and direction."""
 
 
-class _Place(NamedTuple):
+class _Context(NamedTuple):
     """A node of the expanded tree with its context."""
 
     node: Node
@@ -123,11 +120,11 @@ def warnings(
     Raises:
         TreeError: the text is not a tree of the language.
     """
-    tree, source, file = parse_placed(text, vocabulary, name=name, folder=folder)
+    tree, source, unused = parse_placed(text, vocabulary, name=name, folder=folder)
     never_run: set[int] = set()  # places below a node that never runs: one warning is enough
     places = list(_places(tree, root_context(tree, vocabulary), ()))
     undone = cache(partial(_undone_changes, places))
-    doubts: dict[tuple[int, str], dict[int, str]] = {}  # by origin and code: message by place
+    doubts: dict[tuple[Place, str], dict[int, str]] = {}  # by origin and code: message by place
     for index, place in enumerate(places):
         if index in never_run:
             continue
@@ -142,7 +139,7 @@ def warnings(
             f" both use {resource}"
         )
         doubts.setdefault((source[second].origin, "shared-resource"), {})[second] = message
-    reached: dict[int, list[int]] = {}  # places that can run, by origin
+    reached: dict[Place, list[int]] = {}  # places that can run, by origin
     for at, origin in enumerate(place.origin for place in source):
         if at not in never_run:
             reached.setdefault(origin, []).append(at)
@@ -156,7 +153,11 @@ def warnings(
             line, column, *_ = source[at]
             distinct[(line, column), code] = messages[at] + uses
     doubtful = [LintWarning(*at, message, code) for (at, code), message in distinct.items()]
-    return sorted([*_unused(file), *doubtful])
+    never_used = [
+        LintWarning(line, column, f"{kind} {name!r} is never used", f"unused-{kind}")
+        for kind, line, column, name in unused
+    ]
+    return sorted([*never_used, *doubtful])
 
 
 def _uses_of(places: Sequence[SourceSpan], others: Sequence[SourceSpan]) -> str:
@@ -176,36 +177,14 @@ def _uses_of(places: Sequence[SourceSpan], others: Sequence[SourceSpan]) -> str:
     return "; in some uses of the subtree"
 
 
-def _places(node: Node, context: NodeContext, above: Above) -> Iterator[_Place]:
-    yield _Place(node, context, above)
+def _places(node: Node, context: NodeContext, above: Above) -> Iterator[_Context]:
+    yield _Context(node, context, above)
     contexts = child_contexts(node, context)
     for index, (child, here) in enumerate(zip(node.children, contexts, strict=True)):
         yield from _places(child, here, (*above, (node, index)))
 
 
-def _unused(file: Any) -> Iterator[LintWarning]:
-    """Unused definitions of a file; `file` is its parse tree."""
-    used_names = {str(use.children[0]) for use in file.find_data("use")}
-    for subtree in file.find_data("subtree"):
-        name, *parameters, body = subtree.children
-        if name not in used_names:
-            yield _never_used("subtree", name)
-        names = {str(token) for token, _ in name_places(body, {})}
-        for parameter in (each for part in parameters for each in part.children):
-            if parameter not in names:
-                yield _never_used("parameter", parameter)
-    numbers = {str(token) for token, fitting in name_places(file, {}) if fitting & NUMBER}
-    for constant in file.find_data("constant"):
-        if constant.children[0] not in numbers:
-            yield _never_used("constant", constant.children[0])
-
-
-def _never_used(kind: str, name: Any) -> LintWarning:
-    message = f"{kind} {str(name)!r} is never used"
-    return LintWarning(name.line, name.column, message, f"unused-{kind}")
-
-
-def _about(place: _Place, at: int, undone: Undone) -> Iterator[tuple[int, str, str]]:
+def _about(place: _Context, at: int, undone: Undone) -> Iterator[tuple[int, str, str]]:
     """Warnings about one node: (place, one of CODES, message)."""
     node, context, _ = place
     kind = kind_of(node)
@@ -235,7 +214,7 @@ def _never_goes_on(node: Node, context: NodeContext, at: int) -> Iterator[tuple[
         yield at + 1 + sum(map(size, node.children[: index + 1])), "unreachable", message
 
 
-def _guard(guard: GuardArgs, place: _Place, at: int) -> Iterator[tuple[int, str, str]]:
+def _guard(guard: GuardArgs, place: _Context, at: int) -> Iterator[tuple[int, str, str]]:
     expr, context = guard.condition, place.context
     if never(guard, context):
         reason = _why_not(expr, context.at_start, place)
@@ -259,7 +238,7 @@ def _guard(guard: GuardArgs, place: _Place, at: int) -> Iterator[tuple[int, str,
         yield at, "long-condition", message
 
 
-def _action(place: _Place, at: int, undone: Undone) -> Iterator[tuple[int, str, str]]:
+def _action(place: _Context, at: int, undone: Undone) -> Iterator[tuple[int, str, str]]:
     context, name = place.context, place.node.action
     for needed, holding in contradictions(place.node, context):
         sign = context.vocabulary.action(name).changes.get(needed.key, 0)
@@ -270,7 +249,7 @@ def _action(place: _Place, at: int, undone: Undone) -> Iterator[tuple[int, str, 
         return
 
 
-def _undone_changes(places: Sequence[_Place], key: str, sign: int) -> list[bool]:
+def _undone_changes(places: Sequence[_Context], key: str, sign: int) -> list[bool]:
     """For each place: True if an earlier action in the tick changes a key in the other direction.
 
     The blackboard has the values at the start of the tick. An action may undo another one's change
@@ -307,7 +286,7 @@ def _passes_up(node: Node, index: int) -> bool:
     return kind.advance_status == FAILURE or (kind.advance_status == SUCCESS and last)
 
 
-def _why_not(needed: ConditionExpr, conditions: Sequence[ConditionExpr], place: _Place) -> str:
+def _why_not(needed: ConditionExpr, conditions: Sequence[ConditionExpr], place: _Context) -> str:
     """The reason why a guard's condition, or one that an action needs, contradicts `conditions`."""
     text, keys = condition_text(needed), {key for term in terms(needed) for key in term.keys}
     lead = f"it needs {text}" if place.node.action else f"{text} can't hold"
@@ -336,7 +315,7 @@ def _meaning(name: str, key: Key) -> str:
     return f"{name} is {whole}{key.meaning}"
 
 
-def _reason(expr: ConditionExpr, place: _Place) -> str:
+def _reason(expr: ConditionExpr, place: _Context) -> str:
     """The reason why a condition always holds."""
     sufficient = [c for c in _guards(place.above) if implies((c,), expr)]
     if sufficient:
@@ -348,7 +327,7 @@ def _reason(expr: ConditionExpr, place: _Place) -> str:
 
 
 def _before(
-    conditions: Sequence[ConditionExpr], place: _Place, suffices: Callable[[Conditions], bool]
+    conditions: Sequence[ConditionExpr], place: _Context, suffices: Callable[[Conditions], bool]
 ) -> str:
     """What the branches before a place leave over, as the reason of a warning."""
     declared = place.context.vocabulary.always
@@ -358,7 +337,7 @@ def _before(
     return f"as the branches before it leave only {' and '.join(map(condition_text, facts))}"
 
 
-def _inert(abort: str, place: _Place) -> str:
+def _inert(abort: str, place: _Context) -> str:
     """The reason why an abort rule has no effect."""
     if abort == "lower":
         if place.context.when_observed is None:

@@ -6,21 +6,32 @@ import math
 from collections.abc import Callable, Collection, Iterator, Mapping
 from decimal import Decimal
 from math import inf, isnan
-from typing import Final, NamedTuple, Self, TypeAlias
+from typing import Any, Final, NamedTuple, Self, TypeAlias
 
 SIGNS: Final = ("+", "-", "*", "/")
 _UNARY: Final = 3  # precedence, above that of sums (1) and products (2)
 
 
-class Named(float):
+class Written(float):
+    """A number of a text, with its word."""
+
+    word: Any = None  # a `source.Word`
+
+    def __new__(cls, value: float, word: Any = None) -> Self:
+        written = super().__new__(cls, value)
+        written.word = word
+        return written
+
+
+class Named(Written):
     """A number that is printed as a name: of a constant or parameter, or a word of a key."""
 
-    def __new__(cls, name: str, value: float) -> Self:
-        named = super().__new__(cls, value)
+    name: str
+
+    def __new__(cls, name: str, value: float, word: Any = None) -> Self:
+        named = super().__new__(cls, value, word)
         named.name = name
         return named
-
-    name: str
 
     def __getnewargs__(self) -> tuple[str, float]:  # type: ignore[override]  # for pickle
         return self.name, float(self)

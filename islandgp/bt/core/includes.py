@@ -2,14 +2,19 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
-from islandgp.bt.core.source import Source, plain, shown
+from islandgp.bt.core.source import Source, shown
 from islandgp.errors import LimitError
 
 MAX_FILES: Final = 50  # most included files, directly or indirectly
+MAX_CHARACTERS: Final = 100_000  # most characters of a text with what it includes
+
+_INCLUDE: Final = re.compile(r'^\s*include\s*"([^"\n]+)"', re.MULTILINE)
 
 
 class ParsedFile(NamedTuple):
@@ -20,12 +25,7 @@ class ParsedFile(NamedTuple):
 
 
 def load_includes(
-    main: Source,
-    folder: Path | None,
-    grammar: Callable[[Source, str], Any],
-    max_bytes: int,
-    *,
-    start: str = "start",
+    main: Source, folder: Path | None, grammar: Callable[[Source, str], Any], rule: str
 ) -> list[ParsedFile]:
     """The included files, each before those that include it, and then the main one.
 
@@ -33,8 +33,7 @@ def load_includes(
         main: the text that includes others.
         folder: of the main file; nothing outside of it is read. None: it has none.
         grammar: (text, start rule) -> lark.Tree; raises TreeError.
-        max_bytes: characters of all files together.
-        start: the rule of the main text.
+        rule: the start rule of the main text.
 
     Raises:
         TreeError: a file cannot be read, lies outside of the folder, includes itself, or is not
@@ -42,93 +41,88 @@ def load_includes(
         LimitError: there are too many files, or too much is in them.
     """
     parts: list[ParsedFile] = []
-    done: set[Path] = set()
-    remaining_chars = max_bytes - len(main.text)
+    texts: dict[Path, str] = {}
 
     def visit(source: Source, rule: str, beside: Path | None, above: tuple[Path, ...]) -> None:
-        nonlocal remaining_chars
         tree = grammar(source, rule)
         for part in tree.children:
-            if getattr(part, "data", "") != "include":
+            if part.data != "include":
                 continue
-            token = part.children[0]
-            path = _included_path(source, token, folder, beside)
-            if path in above:
+            token, name = part.children[0], str(part.children[0])[1:-1]
+            if folder is None or beside is None:
                 raise source.error_at(
                     token,
-                    f"{shown(token[1:-1])} includes itself",
-                    expected="files that do not include each other in a circle",
+                    "only a text in a file can include files",
+                    expected="a text without include",
                 )
-            if path in done:
-                continue
-            if len(done) >= MAX_FILES:
+            path = _included_path(name, folder, beside)
+            if path is None or path in above:
                 raise source.error_at(
                     token,
-                    "too many files are included",
-                    expected=f"at most {MAX_FILES}",
+                    f"{shown(name)} is not another file in the folder of the tree",
+                    expected='a relative name with /, such as "lib/recharge.bt", and no circle of'
+                    " includes",
+                )
+            if path in texts:
+                continue
+            try:
+                texts[path] = _read(path)
+            except (OSError, UnicodeDecodeError) as error:
+                reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
+                raise source.error_at(
+                    token, f"can't read {shown(name)}: {reason}", expected="a tree file"
+                ) from None
+            size = len(main.text) + sum(map(len, texts.values()))
+            if len(texts) > MAX_FILES or size > MAX_CHARACTERS:
+                raise source.error_at(
+                    token,
+                    "the included files are too many or too long",
+                    expected=f"at most {MAX_FILES} files, and {MAX_CHARACTERS} characters in all",
                     kind=LimitError,
                 )
-            text = _text(source, token, path, remaining_chars)
-            remaining_chars -= len(text)
-            done.add(path)
-            visit(Source(text, _shown_name(path, folder)), "library", path.parent, (*above, path))
+            shown_name = str(folder / path.relative_to(folder.resolve()))
+            visit(Source(texts[path], shown_name), "library", path.parent, (*above, path))
         parts.append(ParsedFile(source, tree))
 
-    visit(main, start, folder, ())
+    visit(main, rule, folder, ())
     return parts
 
 
-def _included_path(source: Source, token: Any, folder: Path | None, beside: Path | None) -> Path:
-    filename = str(token)[1:-1]
-    if folder is None or beside is None:
-        raise source.error_at(
-            token, "only a text in a file can include files", expected="a text without include"
-        )
-    if not filename or "\\" in filename or "\0" in filename or Path(filename).is_absolute():
-        raise source.error_at(
-            token,
-            f"{shown(filename)} is not the name of a file beside this one",
-            expected='a relative name with /, such as "lib/recharge.bt"',
-        )
-    try:
-        top, path = folder.resolve(), (beside / filename).resolve()
-    except (OSError, RuntimeError, ValueError):
-        raise source.error_at(token, f"there is no file {shown(filename)}") from None
-    if not path.is_relative_to(top):
-        raise source.error_at(
-            token,
-            f"{shown(filename)} leads out of the folder of the tree",
-            expected="a file in that folder or below it",
-        )
-    return path
+def find_includes(text: str, folder: Path) -> dict[Path, str]:
+    """The files that a text includes, directly or indirectly, with their texts.
+
+    Does not raise: a file that cannot be read is "", and invalid includes are skipped. For editors,
+    which read incomplete files.
+    """
+    texts: dict[Path, str] = {}
+    waiting = [(text, folder)]
+    while waiting:
+        source, beside = waiting.pop()
+        for name in _INCLUDE.findall(source):
+            path = _included_path(name, folder, beside)
+            if path is None or path in texts or len(texts) == MAX_FILES:
+                continue
+            texts[path] = ""
+            with suppress(OSError, ValueError):
+                texts[path] = _read(path)
+            waiting.append((texts[path], path.parent))
+    return texts
 
 
-def _text(source: Source, token: Any, path: Path, max_bytes: int) -> str:
-    filename = str(token)[1:-1]
-    if not path.is_file():
-        raise source.error_at(token, f"there is no file {shown(filename)}", expected="a tree file")
-    try:
-        with path.open("rb") as file:
-            data = file.read(4 * max_bytes + 4)
-        text = data.decode("utf-8")
-    except UnicodeDecodeError:
-        if len(data) > 4 * max_bytes:
-            text = " " * (max_bytes + 1)
-        else:
-            raise source.error_at(token, f"{shown(filename)} is not UTF-8 text") from None
-    except OSError as error:
-        raise source.error_at(token, f"{shown(filename)}: {error.strerror}") from None
-    if len(text) > max_bytes:
-        raise source.error_at(
-            token,
-            "the included files are too long",
-            expected="fewer characters; all files together count as one",
-            kind=LimitError,
-        )
-    return plain(text)
+def _included_path(name: str, folder: Path, beside: Path) -> Path | None:
+    """The path of an included file; None if it is not in the folder or below."""
+    if not name or "\\" in name or Path(name).is_absolute():
+        return None
+    with suppress(OSError, RuntimeError, ValueError):
+        path = (beside / name).resolve()
+        if path.is_relative_to(folder.resolve()):
+            return path
+    return None
 
 
-def _shown_name(path: Path, folder: Path | None) -> str:
-    """The name of a file in messages."""
-    assert folder is not None
-    return str(folder / path.relative_to(folder.resolve()))
+def _read(path: Path) -> str:
+    """The text of a file, or more than MAX_CHARACTERS of it. Raises OSError, UnicodeDecodeError."""
+    if not path.is_file():  # reading a pipe could block
+        raise FileNotFoundError(0, "there is no such file")
+    with path.open(encoding="utf-8-sig") as file:
+        return file.read(MAX_CHARACTERS + 1)

@@ -9,29 +9,30 @@ from __future__ import annotations
 import re
 from collections.abc import Iterator, Sequence
 from functools import cache
+from itertools import pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
 from islandgp.bt.core.builder import MAX_LEVELS as MAX_LEVELS
 from islandgp.bt.core.builder import MAX_NODES as MAX_NODES
 from islandgp.bt.core.builder import Builder
 from islandgp.bt.core.condition import ConditionExpr
+from islandgp.bt.core.includes import MAX_CHARACTERS as MAX_CHARACTERS
 from islandgp.bt.core.includes import ParsedFile, load_includes
 from islandgp.bt.core.kind import Sort
 from islandgp.bt.core.kinds import CALLABLE, KINDS, RESERVED
-from islandgp.bt.core.node import Node
+from islandgp.bt.core.node import Node, Place, marks_of
+from islandgp.bt.core.node_builder import MAX_NUMBER as MAX_NUMBER
+from islandgp.bt.core.printer import lines_of
 from islandgp.bt.core.printer import to_text as to_text
-from islandgp.bt.core.scope import MAX_NUMBER as MAX_NUMBER
-from islandgp.bt.core.source import Source, shown
-from islandgp.bt.core.source import plain as plain
+from islandgp.bt.core.source import Source, plain, shown
 from islandgp.bt.core.vocabulary import Vocabulary
-from islandgp.errors import ConfigError, LimitError, OtherDomainError
+from islandgp.errors import ConfigError, LimitError, OtherDomainError, TreeError
 from islandgp.resources import resource
 
 if TYPE_CHECKING:
     from lark import Lark, Token
 
-MAX_CHARACTERS: Final = 100_000  # most characters of a text
 _GAP: Final = r"(?:[ \t\n]|#[^\n]*+)"  # between two words; possessive, so that it cannot backtrack
 _CALL: Final = re.compile(rf"{_GAP}*+\({_GAP}*+(\)|[A-Za-z_][A-Za-z0-9_]*+{_GAP}*+:)")
 _NODE_OR_KEY: Final = {"SELECTOR", "NOT"}  # terminals where a node or a key is expected
@@ -69,8 +70,82 @@ def parse(
         LimitError: the text is too long, or the tree too deep or too large for any
             limit on trees.
     """
-    parts = files_of(text, vocabulary, name=name, folder=folder)
-    return built(Builder(parts[-1].source, vocabulary, marked=marked), parts)
+    builder = Builder(vocabulary, marks=marked)
+    parts = files_of(text, vocabulary, name=name, folder=folder, placed=marked)
+    return _build(builder, parts)
+
+
+def tree_errors(
+    text: str, vocabulary: Vocabulary | None, *, name: str, folder: Path | None
+) -> list[TreeError]:
+    """The distinct errors in a text, in its order. Arguments as in `parse`.
+
+    All errors of names and numbers, or else the first syntax error.
+    """
+    errors: list[TreeError] = []
+    try:
+        parts = files_of(text, vocabulary, name=name, folder=folder)
+        _build(Builder(vocabulary, errors=errors), parts)
+    except TreeError as error:
+        errors.append(error)
+    return list({str(error): error for error in errors}.values())
+
+
+class SourceSpan(NamedTuple):
+    """The place of a node in its file; a node of an included subtree has that of its use."""
+
+    line: int  # from 1
+    column: int
+    origin: Place  # the same for all uses of a node of a subtree
+    uses: tuple[tuple[int, int], ...] = ()  # places of the uses around it, the outermost first
+
+
+class PlacedTree(NamedTuple):
+    """The tree that a text means, with the places of its nodes."""
+
+    node: Node
+    places: list[SourceSpan]  # of each node, in document order
+    unused: list[tuple[str, int, int, str]]  # definitions: (kind, line, column, name)
+
+
+def parse_placed(
+    text: str,
+    vocabulary: Vocabulary | None = None,
+    *,
+    name: str = "<tree>",
+    folder: Path | None = None,
+    named: bool = True,
+) -> PlacedTree:
+    """The tree of a text with the places of its nodes. Arguments and errors as in `parse`.
+
+    `named`: numbers of constants and parameters are printed by their names.
+    """
+    builder = Builder(vocabulary, marks=True, named=named)
+    parts = files_of(text, vocabulary, name=name, folder=folder, placed=True)
+    node = _build(builder, parts)
+    unused = [
+        (kind, token.line, token.column, str(token))
+        for kind, token in builder.definitions
+        if (kind, str(token)) not in builder.used
+    ]
+    return PlacedTree(node, list(_places(node, name)), unused)
+
+
+def _places(
+    node: Node,
+    file: str,
+    at: tuple[int, int] | None = None,
+    uses: tuple[tuple[int, int], ...] = (),
+) -> Iterator[SourceSpan]:
+    """The places of a node and those below it; `at`: of the use of an included file, if any."""
+    marks = marks_of(node)
+    for use, inner in pairwise(marks):
+        if at is None:
+            uses = (*uses, use.place[1:])
+            at = None if inner.place[0] == file else use.place[1:]
+    yield SourceSpan(*(at or marks[-1].place[1:]), marks[-1].place, uses)
+    for child in node.children:
+        yield from _places(child, file, at, uses)
 
 
 def files_of(
@@ -96,35 +171,46 @@ def files_of(
         )
 
     def grammar(source: Source, rule: str) -> Any:
-        return _parsed(source, rule, vocabulary, placed)
+        from lark.exceptions import UnexpectedInput
 
-    parts = load_includes(Source(plain(text), name), folder, grammar, MAX_CHARACTERS, start=start)
+        try:
+            return _parser(placed).parse(source.text, start=rule)
+        except UnexpectedInput as error:
+            from islandgp.bt.core.messages import syntax_error  # only for trees with errors
+
+            raise syntax_error(source, error, words(source.text, rule), vocabulary) from None
+
+    parts = load_includes(Source(plain(text), name), folder, grammar, start)
     for source, tree in parts:
-        if tree.children and getattr(tree.children[0], "data", "") == "domain":
-            _check_domain(source, tree.children[0].children[0], vocabulary)
+        for token in (each.children[0] for each in tree.children[:1] if each.data == "domain"):
+            if vocabulary is not None and token != vocabulary.domain:
+                domain = vocabulary.domain
+                raise source.error_at(
+                    token,
+                    f"the tree is for the domain {shown(token)}, not for {domain!r}",
+                    expected=f"domain {domain}, or a command with domain={token}",
+                    kind=OtherDomainError,
+                )
     return parts
 
 
-def built(builder: Builder, parts: Sequence[ParsedFile]) -> Node:
-    """The tree of `files_of`. Raises as `parse`."""
+def _build(builder: Builder, parts: Sequence[ParsedFile]) -> Node:
+    """The tree of `files_of`. Raises LimitError if its canonical text is too long for `parse`."""
     node = builder.build(parts)
-    size = builder.nodes * builder.levels
-    alone = len(parts) == 1 and len(parts[0].tree.children) == 1
-    _check_length(parts[-1].source, node, expanded=not alone, indents=size)
+    source, tree = parts[-1]
+    # Two lines a node, indented by two blanks a level; the words are those of the text.
+    most = 2 * len(source.text) + 4 * builder.nodes * builder.levels
+    is_short = len(parts) == 1 and len(tree.children) == 1 and most <= MAX_CHARACTERS
+    length = 0 if is_short else sum(len(line) + 1 for line in lines_of(node))
+    if length > MAX_CHARACTERS:
+        raise source.error(
+            f"the tree's canonical text, each use expanded, has {length} characters",
+            line=1,
+            column=1,
+            expected=f"at most {MAX_CHARACTERS}; shorten the tree",
+            kind=LimitError,
+        )
     return node
-
-
-def _parsed(source: Source, rule: str, vocabulary: Vocabulary | None, placed: bool) -> Any:
-    """The lark.Tree of a text by a rule of the grammar. Raises TreeError."""
-    from lark.exceptions import UnexpectedInput
-
-    parser = _parser(placed)
-    try:
-        return parser.parse(source.text, start=rule)
-    except UnexpectedInput as error:
-        from islandgp.bt.core.diagnosis import syntax_error  # only for trees with errors
-
-        raise syntax_error(source, error, words(source.text, rule), vocabulary) from None
 
 
 def following(text: str) -> frozenset[str]:
@@ -154,23 +240,9 @@ def parse_condition(text: str, vocabulary: Vocabulary) -> ConditionExpr:
             column=len(source.text) + 1 if ends else error.column,
             expected="comparisons and flags, joined by and, or, not",
         ) from None
-    return Builder(source, vocabulary).condition(parsed)
-
-
-def _check_length(source: Source, tree: Node, *, expanded: bool, indents: int) -> None:
-    """Raises LimitError if the canonical text of a tree would be too long for `parse`."""
-    # Two lines a node, indented by two blanks a level; the words are those of the text.
-    if not expanded and 2 * len(source.text) + 4 * indents <= MAX_CHARACTERS:
-        return
-    length = len(to_text(tree))
-    if length > MAX_CHARACTERS:
-        raise source.error(
-            f"the tree's canonical text, each use expanded, has {length} characters",
-            line=1,
-            column=1,
-            expected=f"at most {MAX_CHARACTERS}; shorten the tree",
-            kind=LimitError,
-        )
+    builder = Builder(vocabulary)
+    builder.source = source
+    return builder.condition(parsed)
 
 
 def domain_of(text: str) -> str:
@@ -186,23 +258,13 @@ def domain_place(text: str) -> tuple[int, int]:
     return before.count("\n") + 1, len(before) - before.rfind("\n")
 
 
-def _check_domain(source: Source, name: Token, vocabulary: Vocabulary | None) -> None:
-    if vocabulary is not None and name != vocabulary.domain:
-        raise source.error_at(
-            name,
-            f"the tree is for the domain {shown(name)}, not for {vocabulary.domain!r}",
-            expected=f"domain {vocabulary.domain}, or a command with domain={name}",
-            kind=OtherDomainError,
-        )
-
-
 def words(text: str, rule: str = "library") -> Iterator[Token]:
     """The words of a text with their places in `plain(text)`. Raises lark's error at a fault."""
     return _parser().parse_interactive(plain(text), start=rule).iter_parse()
 
 
 @cache
-def _parser(placed: bool = False) -> Lark:  # to know all places takes a tenth longer
+def _parser(placed: bool = False) -> Lark:  # to know all places takes a third longer
     from lark import Lark, Token, __version__
     from lark.lexer import BasicLexer
 

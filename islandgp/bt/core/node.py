@@ -181,43 +181,73 @@ def sequence(*children: Node) -> Node:
     return Node("sequence", (), children)
 
 
+Place: TypeAlias = tuple[str, int, int]
+"""The name of a file, a line and a column, both from 1."""
+
+
+class Comments(NamedTuple):
+    """The comments around a node, each with its `#`; "" is a blank line."""
+
+    above: tuple[str, ...] = ()  # on lines above its head
+    aside: str = ""  # at the end of the line of its head
+    inside: tuple[str, ...] = ()  # on lines above its closing brace
+    end: str = ""  # behind its closing brace
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """The texts of all of them."""
+        all_lines = (*self.above, self.aside, *self.inside, self.end)
+        return tuple(filter(None, (line.strip("# ") for line in all_lines)))
+
+
+class NodeMark(NamedTuple):
+    """Where a node is written or, with a name, the `use` that inserts it."""
+
+    name: str = ""  # as after `use`: `recharge(20, 3)`
+    place: Place = ("", 1, 1)
+    comments: Comments = Comments()
+
+
+_UNMARKED: Final = NodeMark()
+
+
 class MarkedNode(Node):
-    """A node with comments or the name of a subtree; equal to the same node without them."""
+    """A node with its places, comments and names; equal to the same node without them."""
 
-    names: tuple[str, ...] = ()
-    """The subtrees whose root it is where they are used, as after `use`: `recharge(20, 3)`.
-    Several, the outermost first, if a subtree consists of another one only."""
-    comments: tuple[tuple[str, ...], ...] = ((),)
-    """The lines of comments above each `use`, in the order of the names, and above the node."""
+    marks: tuple[NodeMark, ...] = (_UNMARKED,)
+    """A mark for each subtree whose root it is where it is used, the outermost first (several if
+    a subtree consists of another one only), and last its own."""
 
 
-def as_subtree(node: Node, name: str) -> MarkedNode:
+def marked(node: Node, *marks: NodeMark) -> MarkedNode:
+    """The node with other marks."""
+    result = MarkedNode._make(node)
+    result.marks = marks
+    return result
+
+
+def as_subtree(node: Node, name: str, use: NodeMark = _UNMARKED) -> MarkedNode:
     """The node as the root of a subtree, around those that it is already the root of."""
-    marked = MarkedNode._make(node)
-    marked.names = (name, *names_of(node))
-    marked.comments = ((), *comments_of(node))
-    return marked
+    return marked(node, use._replace(name=name), *marks_of(node))
 
 
 def commented(node: Node, comments: Sequence[str]) -> Node:
     """The node with these lines of comments above those that it already has."""
     if not comments:
         return node
-    marked = MarkedNode._make(node)
-    marked.names = names_of(node)
-    outermost, *inner = comments_of(node)
-    marked.comments = ((*comments, *outermost), *inner)
-    return marked
+    outer, *inner = marks_of(node)
+    above = (*(f"# {line}" for line in comments), *outer.comments.above)
+    return marked(node, outer._replace(comments=outer.comments._replace(above=above)), *inner)
+
+
+def marks_of(node: Node) -> tuple[NodeMark, ...]:
+    """The marks of a node; a single empty one if it has none."""
+    return node.marks if isinstance(node, MarkedNode) else (_UNMARKED,)
 
 
 def names_of(node: Node) -> tuple[str, ...]:
     """The names of the subtrees whose root this is; the outermost first."""
-    return node.names if isinstance(node, MarkedNode) else ()
-
-
-def comments_of(node: Node) -> tuple[tuple[str, ...], ...]:
-    """The comments above each `use` of `names_of`, and last those above the node itself."""
-    return node.comments if isinstance(node, MarkedNode) else ((),)
+    return tuple([mark.name for mark in marks_of(node)[:-1]])
 
 
 def walk(node: Node) -> Iterator[Node]:

@@ -17,11 +17,12 @@ from islandgp.bt.core.kinds import CALLABLE, KINDS, NAME, RESERVED
 from islandgp.bt.core.node import (
     ActionArgs,
     Node,
+    NodeMark,
     UseArgs,
     Value,
     commented,
-    comments_of,
-    names_of,
+    marked,
+    marks_of,
     walk,
 )
 
@@ -49,7 +50,7 @@ def to_text(node: Node) -> str:
     Returns:
         The text, with a line end after the last line; `parse` of it returns an equal tree.
     """
-    return "\n".join(_lines(node, "")) + "\n"
+    return "\n".join(lines_of(node)) + "\n"
 
 
 def with_subtrees(tree: Node, *, comments: bool = True) -> str:
@@ -61,19 +62,19 @@ def with_subtrees(tree: Node, *, comments: bool = True) -> str:
     texts: list[str] = []
 
     def text(node: Node, lead: str = "") -> str:
-        return "\n".join(_lines(node, "", lead, comments=comments)) + "\n"
+        return "\n".join(written_lines(node, lead)) + "\n"
 
     def define(node: Node) -> Node:
-        *above, own = comments_of(node)
-        plain = Node(node.kind, node.args, tuple(map(define, node.children)))
-        inner = commented(plain, own)
-        for name, lines in zip(reversed(names_of(node)), reversed(above), strict=True):
-            if name not in bodies:
-                bodies[name] = inner
-                texts.append(text(inner, f"subtree {name} = "))
-            if bodies[name] == inner:
-                inner = Node("use", UseArgs(name))
-            inner = commented(inner, lines)
+        *uses, own = [mark if comments else NodeMark(mark.name) for mark in marks_of(node)]
+        inner: Node = marked(node._replace(children=tuple(map(define, node.children))), own)
+        for use in reversed(uses):
+            if use.name not in bodies:
+                bodies[use.name] = inner
+                texts.append(text(inner, f"subtree {use.name} = "))
+            if bodies[use.name] == inner:
+                inner = marked(Node("use", UseArgs(use.name)), use)
+            else:
+                inner = commented(inner, use.comments.lines)
         return inner
 
     root = define(tree)
@@ -141,23 +142,58 @@ def condition_text(expr: ConditionExpr, *, brackets: bool = False) -> str:
     return f"{expr.key} {expr.operator} {expr.other or number_text(expr.number)}"
 
 
-def _lines(node: Node, indent: str, lead: str = "", *, comments: bool = False) -> list[str]:
-    """The lines of a node; `lead` is the text before its head, `comments`: with those above it."""
-    above = comments_of(node) if comments else ()
-    lines = [f"{indent}# {text}" for texts in above for text in texts]
-    line = None if comments and _has_comments_below(node) else inline(node, INLINE_LEVELS)
+def lines_of(node: Node, indent: str = "") -> list[str]:
+    """The lines of a node, without comments."""
+    line = inline(node, INLINE_LEVELS)
     if line is not None and (len(indent) + len(line) <= WIDTH or not node.children):
-        lines.append(f"{indent}{lead}{line}")
-        return lines
-    lines.append(f"{indent}{lead}{head(node)} {{")
-    for child in node.children:
-        lines += _lines(child, indent + INDENT, comments=comments)
-    lines.append(f"{indent}}}")
-    return lines
+        return [f"{indent}{line}"]
+    inside = [line for child in node.children for line in lines_of(child, indent + INDENT)]
+    return [f"{indent}{head(node)} {{", *inside, f"{indent}}}"]
 
 
-def _has_comments_below(node: Node) -> bool:
-    return any(comments_of(each) != ((),) for child in node.children for each in walk(child))
+def written_lines(node: Node, lead: str = "", indent: str = "") -> list[str]:
+    """The lines of a node with its comments; `lead` is the text before its head.
+
+    A long condition is broken before its `and`s or `or`s.
+    """
+    comments = marks_of(node)[-1].comments
+    above, closing = (
+        [line and f"{place}{line}" for line in each]
+        for place, each in ((indent, comments.above), (indent + INDENT, comments.inside))
+    )
+    line = None if _has_comments_inside(node) else inline(node, INLINE_LEVELS)
+    if line is not None and (len(indent + lead + line) <= WIDTH or not node.children):
+        return [*above, _beside(f"{indent}{lead}{line}", comments.aside or comments.end)]
+    *first, last = _head_lines(node, f"{indent}{lead}{head(node)} {{")
+    inside = [line for child in node.children for line in written_lines(child, "", indent + INDENT)]
+    inside = [*inside[inside[0] == "" :], *closing]
+    if inside[-1] == "":
+        inside.pop()
+    end = _beside(f"{indent}}}", comments.end)
+    return [*above, *first, _beside(last, comments.aside), *inside, end]
+
+
+def _has_comments_inside(node: Node) -> bool:
+    """True if there are comments between its braces, or behind the first one."""
+    own = marks_of(node)[-1].comments
+    below = (mark.comments.lines for c in node.children for n in walk(c) for mark in marks_of(n))
+    return bool(node.children) and (bool(own.aside) or any(own.inside) or any(below))
+
+
+def _beside(line: str, comment: str) -> str:
+    return f"{line}  {comment}" if comment else line
+
+
+def _head_lines(node: Node, line: str) -> list[str]:
+    """The line of a node's head, or the lines of a long condition."""
+    expr = node.guard.condition if node.guard else None
+    if len(line) <= WIDTH or not isinstance(expr, Compound) or expr.word == "not":
+        return [line]
+    indent = " " * (len(line) - len(line.lstrip())) + 2 * INDENT
+    first, *parts = (condition_text(part, brackets=expr.word == "and") for part in expr.parts)
+    before, _, behind = line.partition(condition_text(expr))
+    lines = [before + first, *(f"{indent}{expr.word} {part}" for part in parts)]
+    return [*lines[:-1], lines[-1] + behind]
 
 
 def inline(node: Node, levels: int) -> str | None:

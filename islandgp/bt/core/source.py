@@ -1,4 +1,4 @@
-"""The text of a tree, and error messages that show places in it.
+"""The text of a tree, its words, and error messages that show places in it.
 
     my_tree.bt:3:14: unknown action 'MoveToGarbag'
         sequence { MoveToBloc Grasp }
@@ -6,27 +6,24 @@
     Expected a node (selector, ...) or an action (MoveToBlock, ...).
     Did you mean MoveToBlock?
 
-`diagnosis`, `unknown_names` and `builder` choose the texts of such messages.
+`messages` has the texts of such errors.
 """
 
 from __future__ import annotations
 
 import difflib
-import re
-from collections.abc import Iterable
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
 from functools import lru_cache
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from islandgp.errors import TreeError
 
 if TYPE_CHECKING:
     from lark import Token
 
-_BEFORE_NODE: Final = re.compile(r"\s*(subtree\s+\w+\s*(\([^)]*\))?\s*=\s*)?(use\s+)?")
-_QUOTED: Final = re.compile(r'"[^"]*"')
-_EXCERPT = 100  # most columns of a source line in a message
-_LONGEST_GUESS = 40  # most characters of a word for which a correction is searched
+_EXCERPT: Final = 100  # most columns of a source line in a message
+_LONGEST_GUESS: Final = 40  # most characters of a word for which a correction is searched
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,41 +60,42 @@ class Source:
         error.guess = guess
         return error
 
-    def comments_at(self, token: Token) -> tuple[str, ...]:
-        """The comments above a node that begins its line, and at the end of that line.
+    def error_at(self, token: Token, message: str, **about: Any) -> TreeError:
+        """The error for a word of the text; `about`: as of `error`."""
+        return self.error(message, token.line or 1, token.column or 1, **about)
 
-        Args:
-            token: the first word of the node, or the name after `use`.
 
-        Returns:
-            The lines without `#`; none if another node begins the line.
-        """
-        lines = _lines(self.text)
-        row, column = (token.line or 1) - 1, (token.column or 1) - 1
-        if not _BEFORE_NODE.fullmatch(lines[row][:column]):
-            return ()
-        _, sign, behind = _QUOTED.sub("", lines[row][column:]).partition("#")
-        comments = [behind.strip()] if sign else []
-        for above in range(row - 1, -1, -1):
-            text = lines[above].strip()
-            if text and not text.startswith("#"):
-                break
-            if text:
-                comments.insert(0, text.lstrip("#").strip())
-        return tuple(filter(None, comments))
+@dataclass(frozen=True, slots=True)
+class Word:
+    """A word in its place; in place of a parameter, the argument that is passed for it."""
 
-    def error_at(
-        self,
-        token: Token,
-        message: str,
-        *,
-        expected: str = "",
-        guess: str = "",
-        kind: type[TreeError] = TreeError,
-    ) -> TreeError:
-        """The error for a word of the text."""
-        line, column = token.line or 1, token.column or 1
-        return self.error(message, line, column, expected=expected, guess=guess, kind=kind)
+    part: Any  # lark.Token; of an argument that is an action or a `use`, the lark.Tree
+    source: Source
+    parameter: str = ""  # that it is passed for: `level of recharge`; "": it is no argument
+    open: bool = False  # a parameter of the subtree that is being defined; any argument fits
+    values: Mapping[str, Word] = field(default_factory=dict)  # parameters where it is written
+
+    @property
+    def token(self) -> Token:
+        """The word; of a tree its first name."""
+        token: Token = getattr(self.part, "children", [self.part])[0]
+        return token
+
+    @property
+    def type(self) -> str:
+        """NAME, NUMBER, FILE or, of an argument that is a tree, NODE."""
+        return str(getattr(self.part, "type", "NODE"))
+
+    @property
+    def text(self) -> str:
+        """The word as it is written, a text without its quotes."""
+        return str(self.token).strip('"')
+
+    def error(self, message: str, **about: Any) -> TreeError:
+        """The error for the word; that of an argument names the parameter."""
+        if self.parameter:
+            message = f"{message} (parameter {self.parameter})"
+        return self.source.error_at(self.token, message, **about)
 
 
 @lru_cache(maxsize=1)  # a file may have thousands of warnings

@@ -169,6 +169,11 @@ class Key:
         return float(words.index(start) if isinstance(start, str) else start or 0)
 
     @property
+    def choices(self) -> tuple[str, ...]:
+        """The words that it can have: those declared, or no and yes; of a number none."""
+        return NO_YES if self.flag else self.words
+
+    @property
     def kind(self) -> str:
         """The type of its values, for messages: a number, a flag, or the words."""
         if self.words:

@@ -22,6 +22,7 @@ from islandgp.bt.core.arithmetic import Named
 from islandgp.bt.core.condition import OPERATORS
 from islandgp.bt.core.language import domain_of, parse
 from islandgp.bt.core.node import Node, SetArgs, asked_in, walk, written_in
+from islandgp.bt.core.node_builder import MAX_NUMBER
 from islandgp.bt.core.parameters import (
     Parameter,
     adapter,
@@ -30,7 +31,6 @@ from islandgp.bt.core.parameters import (
     switch,
     whole,
 )
-from islandgp.bt.core.scope import MAX_NUMBER
 from islandgp.bt.core.source import shown
 from islandgp.bt.core.vocabulary import (
     NAME,

@@ -19,8 +19,7 @@ from islandgp.bt.core.node import (
     Args,
     Node,
     UseArgs,
-    comments_of,
-    names_of,
+    marks_of,
     walk,
 )
 from islandgp.errors import DomainError
@@ -56,10 +55,10 @@ def plan(node: Node, differs: Differs, *, observed: bool = False) -> TargetNode:
         differs: True for nodes that need one of ours.
         observed: a composite above observes guards here, through decorators.
     """
-    *above, node_comments = comments_of(node)
-    part = _part(node, differs, observed)._replace(comments=node_comments)
-    for name, comments in zip(reversed(names_of(node)), reversed(above), strict=True):
-        part = TargetNode(SUBTREE, UseArgs(name), (part,), comments)
+    *uses, own = marks_of(node)
+    part = _part(node, differs, observed)._replace(comments=own.comments.lines)
+    for use in reversed(uses):
+        part = TargetNode(SUBTREE, UseArgs(use.name), (part,), use.comments.lines)
     return part
 
 

@@ -14,7 +14,7 @@ from typing import Final, Literal, TypeAlias
 
 from islandgp.bt.core.arithmetic import SIGNS
 from islandgp.bt.core.condition import OPERATORS
-from islandgp.bt.core.inspection import find_includes
+from islandgp.bt.core.includes import find_includes
 from islandgp.bt.core.kinds import KEYWORDS, KINDS
 from islandgp.bt.core.language import following
 from islandgp.bt.core.node import STATUS_NAMES

@@ -1,0 +1,315 @@
+"""Messages of errors in trees: what was found, what is accepted there, and a likely correction."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
+from itertools import pairwise
+from textwrap import shorten
+from typing import TYPE_CHECKING, Final
+
+from islandgp.bt.core.condition import OPERATORS
+from islandgp.bt.core.kinds import KEYWORDS, KINDS, SETTERS
+from islandgp.bt.core.parameters import Parameter, value_range
+from islandgp.bt.core.source import Source, Word, closest, shown
+from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Key, Vocabulary
+from islandgp.errors import TreeError, UnknownNameError
+
+if TYPE_CHECKING:
+    from lark import Token
+    from lark.exceptions import UnexpectedInput
+
+NODE_WORDS: Final = (*KEYWORDS, "use")
+
+FOREIGN_WORDS: Final = {
+    "fallback": "selector", "priority": "selector", "reactivefallback": "reactive_selector",
+    "if": "when", "while": "when", "guard": "when", "condition": "when", "switch": "when",
+    "loop": "repeater", "delay": "wait", "sleep": "wait", "invert": "inverter",
+    "retryuntilsuccessful": "retry", "ratecontroller": "every", "pipelinesequence": "pipeline",
+    "subtree": "use", "subtreeplus": "use", "const": "constant", "def": "subtree",
+    **dict.fromkeys(("else", "elif", "elseif"), "selector { when ... { ... } ... }"),
+}  # fmt: skip
+"""Keywords of other languages, with the correct form."""
+
+_COMMENT: Final = "#, which begins a comment"
+_BLANK: Final = "a blank, which separates nodes"
+_SIGNS: Final = {
+    "&&": "and", "&": "and", "||": "or", "|": "or", "!": "not", "//": _COMMENT, "/*": _COMMENT,
+    "=>": ">=", "=<": "<=", "<>": "!=", ";": _BLANK, ",": _BLANK,
+    "\N{LESS-THAN OR EQUAL TO}": "<=", "\N{GREATER-THAN OR EQUAL TO}": ">=",
+    "\N{NOT EQUAL TO}": "!=", "\N{MINUS SIGN}": "-", "\N{EN DASH}": "-",
+    "\N{LEFT DOUBLE QUOTATION MARK}": '"', "\N{RIGHT DOUBLE QUOTATION MARK}": '"',
+    "[": "{", "]": "}", "'": '"', "%": "a number without a unit",
+}  # fmt: skip
+"""Signs of other languages, with the correct form; longer ones first."""
+
+_SPELLING: Final = {
+    "NUMBER": "a number", "LBRACE": "{", "RBRACE": "}", "EQUAL": "=", "LPAR": "(", "RPAR": ")",
+    "COMMA": ",", "COLON": ":", "FILE": 'a file such as "lib.bt"', "$END": "the end of the text",
+    "OPERATOR": " ".join(OPERATORS),
+}  # fmt: skip
+"""What the parser's terminals look like in a text, unless it is their name."""
+
+_LONGEST_GUESS: Final = 100  # most characters of a correction
+
+_SELDOM: Final = frozenset({"PLUS", "MINUS", "TIMES", "DIVIDE"})
+"""Terminals that are not listed, as they are seldom meant."""
+
+
+def unknown_key(word: Word, vocabulary: Vocabulary, parameters: Collection[str]) -> TreeError:
+    """The error for an unknown key; `parameters` of its subtree are known, too."""
+    guess = f"sequence {{ {word.text} ... }}" if word.text in vocabulary.actions else ""
+    names = [*vocabulary.keys, *parameters]
+    return _unknown(word, "blackboard key", f"a key: {', '.join(vocabulary.keys)}", names, guess)
+
+
+def unwritable(word: Word, keys: Mapping[str, Key]) -> TreeError:
+    """The error for a `set` of a key that trees do not write."""
+    writable = [name for name, key in keys.items() if key.writable]
+    expected = f"a key that is declared with `initial`: {', '.join(writable) or 'none'}"
+    if word.text in keys:
+        return word.error(f"{word.text} is a key that only the domain writes", expected=expected)
+    return _unknown(word, "blackboard key", expected, writable)
+
+
+def wrong_operand(
+    name: str, word: Word, keys: Mapping[str, Key], constants: Collection[str]
+) -> TreeError:
+    """The error for what a key of this name cannot be compared with, or set to."""
+    if word.text == name:
+        return word.error(f"{name} is compared with itself", expected="another key, or a value")
+    key = keys[name]
+    alike = [each for each, other in keys.items() if other.kind == key.kind and each != name]
+    expected = " | ".join(key.choices) or f"a number, a constant ({_listing(constants)})"
+    expected += f", or a key of the same kind: {', '.join(alike)}" * bool(alike)
+    if word.text in keys:
+        other = keys[word.text].kind
+        message = f"{name} is {key.kind} and {word.text} is {other}; they can't be compared"
+        return word.error(message, expected=expected)
+    names = [*key.choices, *constants, *alike]
+    if key.choices:
+        return _unknown(word, "word", expected, names, of=f" of {name}")
+    return _unknown(word, "constant or key", expected, names)
+
+
+def unknown_constant(word: Word, constants: Collection[str], keys: Sequence[str] = ()) -> TreeError:
+    """The error for an unknown name of a number; `keys`: those that could be in its place."""
+    names = [*word.values, *constants]
+    expected = f"a number or a constant that is defined above ({_listing(names)})"
+    expected += f" or a key ({', '.join(keys)})" * bool(keys)
+    return _unknown(word, "constant" + " or key" * bool(keys), expected, [*names, *keys])
+
+
+def unknown_argument(word: Word, action: str, parameters: Mapping[str, Parameter]) -> TreeError:
+    """The error for an argument that an action does not have."""
+    if not parameters:
+        return word.error(f"the action {action} takes no arguments", expected=f"`{action}` alone")
+    ranges = "; ".join(f"{name}: {value_range(each)}" for name, each in parameters.items())
+    guesses = [f"{name}: {word.text}" for name, p in parameters.items() if word.text in p.words]
+    return _unknown(word, "argument", ranges, parameters, *guesses[:1], of=f" of {action}")
+
+
+def unknown_node(
+    word: Word, subtrees: Collection[str], vocabulary: Vocabulary, parameters: Collection[str]
+) -> TreeError:
+    """The error for a word that is not a node, where a node is expected."""
+    name, rest = word.text, word.source.text[word.token.end_pos :].lstrip()
+    guess = FOREIGN_WORDS.get(name.lower(), "")
+    if rest.startswith("="):
+        guess = f"constant {name}"
+    elif name in subtrees:
+        guess = f"use {name}"
+    elif name in vocabulary.keys:
+        guess = f"when {vocabulary.keys[name].example(name)} {{ ... }}"
+    kind = "node" if rest.startswith("{") else "action"
+    guess = guess or closest(name, [*NODE_WORDS, *vocabulary.actions, *parameters])
+    expected = "a node or an action" if guess else node_words(vocabulary)
+    return _unknown(word, kind, expected, (), guess)
+
+
+def node_words(vocabulary: Vocabulary) -> str:
+    """The nodes and actions of a domain, as a text."""
+    actions = f" ({', '.join(vocabulary.actions)})" if vocabulary.actions else ""
+    return f"a node ({', '.join(NODE_WORDS)}) or an action{actions}"
+
+
+def _unknown(
+    word: Word, what: str, expected: str, names: Iterable[str], guess: str = "", *, of: str = ""
+) -> TreeError:
+    guess = guess[:_LONGEST_GUESS] or closest(word.text, names)
+    message = f"unknown {what} {shown(word.token)}{of}"
+    return word.error(message, expected=expected, guess=guess, kind=UnknownNameError)
+
+
+def _listing(names: Iterable[str]) -> str:
+    return shorten(", ".join(names), 200, placeholder=" ...") or "none so far"
+
+
+def syntax_error(
+    source: Source, error: UnexpectedInput, tokens: Iterator[Token], vocabulary: Vocabulary | None
+) -> TreeError:
+    """The error for a text that the grammar doesn't accept.
+
+    Args:
+        source: the text.
+        error: of the parser.
+        tokens: the words of the text, read up to the fault.
+        vocabulary: the domain's words; None: any name could be one.
+    """
+    from lark.exceptions import UnexpectedInput, UnexpectedToken
+
+    before: list[Token] = []
+    with suppress(UnexpectedInput):  # the fault itself
+        before.extend(tokens)
+    ends = isinstance(error, UnexpectedToken) and error.token.type == "$END"
+    if not ends:  # a word that touches a wrong character may be a part of a longer one
+        end = (error.pos_in_stream or 0) + isinstance(error, UnexpectedToken)
+        before = [word for word in before if (word.end_pos or 0) < end]
+    if vocabulary and before and (unknown := _unknown_before(source, before, vocabulary)):
+        return unknown
+    if not isinstance(error, UnexpectedToken):
+        return _wrong_character(source, error)
+    known = vocabulary or EMPTY_VOCABULARY
+    accepted = set(error.accepts) - _SELDOM
+    if "NOT" in accepted:
+        accepted.discard("NUMBER")
+    if vocabulary and not ends and before and (key := known.keys.get(str(before[-1]))):
+        accepted -= {"OPERATOR"} if key.flag else accepted - {"OPERATOR"}
+    expected, candidates = _expected(accepted, before, known)
+    if ends:
+        return _unexpected_end(source, before, accepted, expected)
+    token = error.token
+    message = f"unexpected {shown(token)}"
+    unclosed = _unclosed(source, before)
+    if token == "}" and "SELECTOR" in accepted and unclosed is not None:
+        message = f"this {_node_of(before[:unclosed])} needs more children"
+        expected = "a node or an action"
+    elif accepted - {"LPAR"} == {"RBRACE"}:
+        message += "; this node takes no more children, so wrap several in a sequence or a selector"
+    elif accepted - {"LPAR"} == {"$END"}:
+        message += "; a file holds one tree, after its subtrees"
+    guess = _instead(source, token, before, accepted, known)
+    guess = guess or closest(token.strip('"'), candidates)
+    return source.error_at(token, message, expected=expected, guess=guess)
+
+
+def _unknown_before(
+    source: Source, before: Sequence[Token], vocabulary: Vocabulary
+) -> TreeError | None:
+    """The error for an unknown name before the fault, the likelier cause: `slector { ... }`."""
+    from islandgp.bt.core.language import following
+
+    subtrees = [str(name) for previous, name in pairwise(before) if previous == "subtree"]
+    for word in before[-3:]:
+        accepted = following(source.text[: word.start_pos]) if word.type == "NAME" else ()
+        if "SELECTOR" in accepted and word not in vocabulary.actions:
+            return unknown_node(Word(word, source), subtrees, vocabulary, ())
+        if "NOT" in accepted and word not in vocabulary.keys:
+            return unknown_key(Word(word, source), vocabulary, ())
+    return None
+
+
+def _wrong_character(source: Source, error: UnexpectedInput) -> TreeError:
+    rest = source.text[error.pos_in_stream or 0 :]
+    guess = next((right for sign, right in _SIGNS.items() if rest.startswith(sign)), "")
+    return source.error(
+        f"unexpected character {rest[0]!r} (U+{ord(rest[0]):04X})",
+        error.line,
+        error.column,
+        expected="" if guess else "letters a to z, digits, _ { } ( ) , : and # for comments",
+        guess=guess,
+    )
+
+
+def _unexpected_end(
+    source: Source, before: Sequence[Token], accepted: Collection[str], expected: str
+) -> TreeError:
+    """The error after the last word of a text that ends too early."""
+    if not before:
+        return source.error("there is no tree in the text", 1, 1, expected=expected)
+    message = "the text ends too early"
+    if "SUBTREE" in accepted:
+        message = "there is no tree after the definitions"
+    elif (brace := _unclosed(source, before)) is not None:
+        node, line = _node_of(before[:brace]), before[brace].line
+        message += f": the brace of the {node} in line {line} is not closed"
+    line, column = before[-1].end_line or 1, before[-1].end_column or 1
+    return source.error(message, line, column, expected=expected)
+
+
+def _node_of(tokens: Sequence[Token]) -> str:
+    """The word of the node whose head ends there."""
+    return next(str(word) for word in reversed(tokens) if word in KINDS)
+
+
+def _unclosed(source: Source, tokens: Sequence[Token]) -> int | None:
+    """The index of the brace that is probably not closed; None if each one is.
+
+    A closing brace that begins a line belongs to a line that is indented as much. If its
+    counterpart is indented more, that one is not closed.
+    """
+    lines = source.text.split("\n")
+    braces: list[int] = []
+    for at, token in enumerate(tokens):
+        if token == "{":
+            braces.append(at)
+        elif token == "}" and braces:
+            line, column = lines[(tokens[braces[-1]].line or 1) - 1], (token.column or 1) - 1
+            begins = not lines[(token.line or 1) - 1][:column].strip()
+            if begins and len(line) - len(line.lstrip()) > column:
+                break
+            braces.pop()
+    return braces[-1] if braces else None
+
+
+def _instead(
+    source: Source,
+    token: Token,
+    before: Sequence[Token],
+    accepted: Collection[str],
+    vocabulary: Vocabulary,
+) -> str:
+    """The likely correction of a word that the grammar does not accept; "" if unknown."""
+    previous, start = str(before[-1]) if before else "", token.start_pos or 0
+    for signs in (source.text[start : start + 2], source.text[max(0, start - 1) : start + 1]):
+        if len(signs) == 2 and signs in _SIGNS:
+            return _SIGNS[signs]
+    if token == "," and "RBRACE" in accepted:
+        return _BLANK
+    if token == "{" and "COMMA" in accepted:
+        return "a `use` of a subtree that is defined above"
+    if accepted == {"COLON"}:
+        arguments = vocabulary.action(str(before[-3])).arguments if len(before) > 2 else {}
+        named = [name for name, each in arguments.items() if previous in each.words]
+        return f"{named[0]}: {previous}" if named else ""
+    if token.type == "NUMBER" and "SUCCESS" in accepted:
+        return f"success {token}"
+    if token in ("=", "is", "in") and "OPERATOR" in accepted:
+        return "=="
+    return FOREIGN_WORDS.get(token.lower(), "") if token.type == "NAME" else ""
+
+
+def _expected(
+    accepted: Collection[str], before: Sequence[Token], vocabulary: Vocabulary
+) -> tuple[str, Sequence[str]]:
+    """The accepted words, as a text and as candidates for a correction."""
+    compared, previous = ["", "", *map(str, before)][-2:]
+    if "SELECTOR" in accepted:
+        first = [w for w in ("domain", "include", "constant", "subtree") if w.upper() in accepted]
+        words = [*first, *NODE_WORDS, *vocabulary.actions]
+        return "} or " * ("RBRACE" in accepted) + node_words(vocabulary), words
+    if "NAME" in accepted and "NUMBER" in accepted:
+        key = vocabulary.keys.get(compared) if previous in OPERATORS else None
+        if key and key.words:
+            return key.kind, key.words
+        if previous in OPERATORS or "USE" not in accepted:
+            return "a number, or the name of a constant or parameter", ()
+        return "a number, a key, a word, a text in quotes, an action or a `use`", ()
+    if "NAME" in accepted:
+        if "NOT" in accepted or previous in SETTERS:
+            keys = [*vocabulary.keys]
+            return f"a key: {', '.join(keys)}{', not or (' * ('NOT' in accepted)}", keys
+        named = {"use": "subtree"}.get(previous, previous)
+        return f"the name of a {named}" if named.isalpha() else "a name", ()
+    spelled = [_SPELLING.get(name, name.lower()) for name in sorted(accepted)]
+    return ("one of: " if len(spelled) > 1 else "") + " ".join(spelled), spelled
