@@ -11,11 +11,10 @@ No configuration, run or simulator is needed.
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass
 from enum import IntEnum
-from functools import partial
 from inspect import iscoroutinefunction, signature
 from pathlib import Path
 from threading import Lock
@@ -31,15 +30,16 @@ from islandgp.bt.core.node import (
     ActionArgs,
     Node,
     keys_in,
+    size,
     walk,
     written_in,
 )
-from islandgp.bt.core.parameters import bound, referenced
+from islandgp.bt.core.parameters import referenced
 from islandgp.bt.core.source import Source, closest, plain
-from islandgp.bt.core.vocabulary import Key, Vocabulary
+from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Key, Vocabulary
 from islandgp.domain_files import class_vocabulary, domain_files
 from islandgp.errors import DomainError, OtherDomainError
-from islandgp.leaves import Leaf, is_flag, is_number, results_of, status_of, steps, with_arguments
+from islandgp.leaves import Leaf, LeafRunner, arguments_of, is_flag, is_number
 from islandgp.plugin import defined_in, short_repr
 from islandgp.text_files import read_text_file
 
@@ -64,26 +64,33 @@ class Tree:
     vocabulary: Vocabulary | None  # None: the file names no domain
     name: str  # of the file, for messages
 
+    @property
+    def words(self) -> Vocabulary:
+        """The vocabulary; an empty one if the file names no domain."""
+        return self.vocabulary or EMPTY_VOCABULARY
+
     def actions(self) -> tuple[str, ...]:
         """The actions of the tree, in document order, each once."""
-        return tuple(dict.fromkeys(args.name for _, args in _leaves(self.node)))
+        return tuple(dict.fromkeys(args.name for args in self.leaves()))
+
+    def leaves(self) -> list[ActionArgs]:
+        """The action of each leaf with its arguments as they are written, in document order."""
+        return [node.args for node in walk(self.node) if isinstance(node.args, ActionArgs)]
 
     def calls(self) -> list[tuple[str, Mapping[str, object]]]:
         """The action of each leaf and the arguments that its function gets, in document order."""
-        return [(args.name, _arguments(args, self.vocabulary)) for _, args in _leaves(self.node)]
+        return [(args.name, arguments_of(args, self.words)) for args in self.leaves()]
 
     def keys(self) -> tuple[str, ...]:
         """The blackboard keys that it reads or writes, in document order, each once."""
-        known = self.vocabulary.keys if self.vocabulary else {}
-        values = (value for _, args in _leaves(self.node) for _, value in args.values)
-        references = (key for value in values if (key := referenced(value)) in known)
+        values = (value for args in self.leaves() for _, value in args.values)
+        references = (key for value in values if (key := referenced(value)) in self.words.keys)
         return tuple(dict.fromkeys((*keys_in(self.node), *references)))
 
     def inputs(self) -> tuple[str, ...]:
         """The keys that the program writes: those that neither trees nor actions write."""
         own = written_in(self.node)
-        known = self.vocabulary.keys if self.vocabulary else {}
-        own |= {name for name, key in known.items() if key.writable}
+        own |= {name for name, key in self.words.keys.items() if key.writable}
         return tuple(key for key in self.keys() if key not in own)
 
     def bind(
@@ -125,11 +132,11 @@ class Tree:
 
     def _faults(self, sources: Mapping[str, object]) -> Iterator[str]:
         """A line for each action or key that is missing or cannot be called."""
-        for args in dict.fromkeys(args for _, args in _leaves(self.node)):
+        for args in dict.fromkeys(self.leaves()):
             entry = _entry(sources["action"], args.name)
             if entry is None:
                 yield f"nothing for the action {args.name}"
-            elif reason := _uncallable(entry, _arguments(args, self.vocabulary)):
+            elif reason := _uncallable(entry, arguments_of(args, self.words)):
                 yield f"for the action {args.name}, {reason}{defined_in(entry)}"
         for key in self.inputs():
             entry = _entry(sources["key"], key)
@@ -164,17 +171,14 @@ class RobotTree:
     ) -> None:
         self.tree = tree
         self._step_s = step_s
-        self.statuses: list[NodeStatus | None] = []
+        self.statuses: list[NodeStatus | None] = [None] * size(tree.node)
         """Status of each node in the last tick, in document order; None: it was not ticked."""
         self._leaves, self._keys = leaves, keys
-        self._key_names = tree.keys()
-        self._known = tree.vocabulary.keys if tree.vocabulary else {}
         self._ticking = Lock()
-        self._places = {name: place for place, name in enumerate(self._key_names)}
-        self._inputs = {name: self._places[name] for name in tree.inputs()}
-        self._board = [
-            0.0 if name not in self._known else self._known[name].start for name in self._key_names
-        ]
+        known, names = tree.words.keys, tree.keys()
+        self._places = {name: place for place, name in enumerate(names)}
+        self._inputs = [(self._places[name], name, known.get(name)) for name in tree.inputs()]
+        self._board = [known[name].start if name in known else 0.0 for name in names]
         self._start()
 
     def tick(self) -> NodeStatus:
@@ -191,8 +195,8 @@ class RobotTree:
         if not self._ticking.acquire(blocking=False):
             raise self._nested("tick")
         try:
-            for name, place in self._inputs.items():
-                self._board[place] = _value(self._keys, name, self._known.get(name))
+            for place, name, key in self._inputs:
+                self._board[place] = _value(self._keys, name, key)
             self.statuses = [None] * len(self.statuses)
             return _STATUSES[self._tick()]
         except BaseException:
@@ -224,9 +228,8 @@ class RobotTree:
     def _stop(self) -> None:
         try:
             with ExitStack() as stops:  # all are called, even if one raises
-                for leaf in reversed(self._by_place.values()):
-                    if leaf.running:
-                        stops.callback(leaf.stop)
+                for runner in reversed(self._runners):
+                    stops.callback(runner.stop)
         finally:
             final = {NodeStatus.RUNNING: NodeStatus.ABORTED}
             self.statuses = [final.get(s, s) if s is not None else None for s in self.statuses]
@@ -240,76 +243,20 @@ class RobotTree:
 
     def _start(self) -> None:
         """Compiles the tree, so that the next tick starts it."""
-        leaves: list[_RunningLeaf] = []
+        self._runners: list[LeafRunner] = []
 
-        def leaf_of(args: ActionArgs) -> _RunningLeaf:
-            arguments = _arguments(args, self.tree.vocabulary)
-            vocabulary = self.tree.vocabulary
-            asks = vocabulary is not None and vocabulary.action(args.name).condition
-            leaf = self._leaves[args.name]
-            write = None if vocabulary is None else partial(self._write, args.name, vocabulary)
-            call = with_arguments(leaf, arguments, self._places, self._value_of)
-            leaves.append(_RunningLeaf(args.name, leaf, call, write, condition=asks))
-            return leaves[-1]
+        def runner_of(args: ActionArgs) -> LeafRunner:
+            leaf, vocabulary = self._leaves[args.name], self.tree.words
+            self._runners.append(LeafRunner(args, leaf, vocabulary, self._board, self._places))
+            return self._runners[-1]
 
-        node = self.tree.node
+        node, board = self.tree.node, self._board
         self._tick = compile_tree(
-            node, leaf_of, self._board, self._places, watch=self._watch, step_s=self._step_s
+            node, runner_of, board, self._places, watch=self._watch, step_s=self._step_s
         )
-        self._by_place = dict(zip([place for place, _ in _leaves(node)], leaves, strict=True))
-        self.statuses = self.statuses or [None] * sum(1 for _ in walk(node))
-
-    def _value_of(self, key: str) -> object:
-        """The present value of a key, as an argument of an action."""
-        vocabulary, number = self.tree.vocabulary, self._board[self._places[key]]
-        return number if vocabulary is None else vocabulary.value(key, number)
-
-    def _write(self, action: str, vocabulary: Vocabulary, result: object) -> object:
-        """Writes the keys that an action returns; see `leaves.results_of`."""
-        values, status = results_of(result, action, vocabulary)
-        for key, value in values.items():
-            if key in self._places:
-                self._board[self._places[key]] = value
-        return status
 
     def _watch(self, place: int, status: int) -> None:
         self.statuses[place] = _STATUSES[status]
-        if status == ABORTED and (leaf := self._by_place.get(place)) is not None:
-            leaf.stop()
-
-
-class _RunningLeaf:
-    """One leaf of a tree: its action's function, with a separate generator."""
-
-    def __init__(
-        self,
-        name: str,
-        leaf: Leaf,
-        call: Leaf,
-        write: Callable[[object], object] | None,
-        *,
-        condition: bool,
-    ) -> None:
-        self._write = write
-        self._name, self._leaf, self._condition = name, leaf, condition
-        self._steps = steps(call)
-        self.running = False  # also while its function is called and after it raised
-
-    def __call__(self, fresh: bool) -> int:
-        self.running = True
-        result = self._steps(fresh)
-        if self._write is not None and isinstance(result, Mapping):
-            result = self._write(result)
-        status = status_of(result, self._name, self._leaf, condition=self._condition)
-        self.running = status == RUNNING
-        return status
-
-    def stop(self) -> None:
-        """Closes the generator, and calls the function's own `stop`."""
-        self.running = False
-        for stopped in (self._steps, self._leaf):
-            if callable(stop := getattr(stopped, "stop", None)):
-                stop()
 
 
 def load_tree(
@@ -368,20 +315,6 @@ def _vocabulary_of(
         f" {domain} --json` prints",
         kind=OtherDomainError,
     )
-
-
-def _leaves(tree: Node) -> Iterator[tuple[int, ActionArgs]]:
-    """The leaves of a tree, with their places in document order."""
-    for place, node in enumerate(walk(tree)):
-        if isinstance(node.args, ActionArgs):
-            yield place, node.args
-
-
-def _arguments(args: ActionArgs, vocabulary: Vocabulary | None) -> Mapping[str, object]:
-    """The keyword arguments of a leaf's function; without a vocabulary, those in the tree."""
-    if vocabulary is None:
-        return dict(args.values)
-    return bound(args, vocabulary.action(args.name).arguments)
 
 
 def _entry(source: object, name: str) -> Any:

@@ -9,15 +9,15 @@ a mapping: the values of keys that the action sets.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Generator, Mapping
+from collections.abc import Callable, Generator, Mapping, MutableSequence
 from functools import partial
 from inspect import iscoroutine, isgenerator, isgeneratorfunction
 from math import isfinite
 from numbers import Real
 from typing import Any, Final, TypeAlias
 
-from islandgp.bt.core.node import RUNNING
-from islandgp.bt.core.parameters import referenced
+from islandgp.bt.core.node import RUNNING, SUCCESS, ActionArgs
+from islandgp.bt.core.parameters import bound, referenced
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import DomainError
 from islandgp.plugin import defined_in, short_repr
@@ -25,66 +25,86 @@ from islandgp.plugin import defined_in, short_repr
 Leaf: TypeAlias = Callable[..., int] | Callable[..., Generator[None, None, bool]]
 
 
-def steps(leaf: Leaf) -> Callable[[bool], Any]:
-    """A leaf as a function of `fresh`, True at the start of its node; returns the leaf's result.
-
-    Each call of `steps` returns a new function with its own generator.
-    """
-    if isgeneratorfunction(leaf) or isgeneratorfunction(type(leaf).__call__):
-        return GeneratorSteps(leaf)
-    return lambda _fresh: leaf()
+def arguments_of(args: ActionArgs, vocabulary: Vocabulary) -> dict[str, Any]:
+    """The keyword arguments of a leaf's function; of an undeclared action, those in the tree."""
+    if args.name not in vocabulary.actions:
+        return dict(args.values)
+    return bound(args, vocabulary.action(args.name).arguments)
 
 
-def with_arguments(
-    leaf: Leaf,
-    arguments: Mapping[str, object],
-    known: Collection[str],
-    value_of: Callable[[str], object],
-) -> Leaf:
-    """A leaf that gets its arguments, each time that it is called.
+class LeafRunner:
+    """Ticks one leaf of a tree: the function of its action, with its own generator."""
 
-    Args:
-        leaf: the function of an action.
-        arguments: as in the tree; `"{place}"` is the present value of the key `place`.
-        known: the keys.
-        value_of: the present value of a key.
+    def __init__(
+        self,
+        args: ActionArgs,
+        leaf: Leaf,
+        vocabulary: Vocabulary,
+        board: MutableSequence[float],
+        places: Mapping[str, int],
+    ) -> None:
+        """Binds the arguments.
 
-    Returns:
-        A function without arguments.
-    """
-    references = {name: referenced(value) for name, value in arguments.items()}
-    keys = {name: key for name, key in references.items() if key in known}
-    if not keys:
-        return partial(leaf, **arguments) if arguments else leaf
+        Args:
+            args: of the leaf; `"{place}"` as a value is the present value of the key `place`.
+            leaf: the function of its action.
+            vocabulary: declares its arguments and the keys that it sets.
+            board: a value per key; keys that the leaf returns are written to it.
+            places: the index of each key on the board.
+        """
+        self.running = False  # also while its function is called and after it raised
+        self._name, self._leaf, self._vocabulary = args.name, leaf, vocabulary
+        self._board, self._places = board, places
+        self._generates = isgeneratorfunction(leaf) or isgeneratorfunction(type(leaf).__call__)
+        self._generator: Any = None
+        arguments = arguments_of(args, vocabulary)
+        references = {name: referenced(value) for name, value in arguments.items()}
+        keys = {name: key for name, key in references.items() if key in places}
 
-    def current() -> dict[str, object]:
-        return {**arguments, **{name: value_of(key) for name, key in keys.items()}}
+        def call() -> Any:
+            return leaf(**arguments, **{name: self._value(key) for name, key in keys.items()})
 
-    def generated() -> Generator[None, None, bool]:
-        return (yield from leaf(**current()))  # type: ignore[misc, no-any-return] # a generator
+        arguments = {name: value for name, value in arguments.items() if name not in keys}
+        self._call = call if keys else partial(leaf, **arguments) if arguments else leaf
 
-    is_generator = isgeneratorfunction(leaf) or isgeneratorfunction(type(leaf).__call__)
-    return generated if is_generator else lambda: leaf(**current())  # type: ignore[return-value]
+    def __call__(self, fresh: bool) -> int:
+        """The status of the leaf; `fresh` is True at its start.
 
+        Raises:
+            DomainError: the result is no status, or has a key that the action cannot set.
+        """
+        self.running = True
+        result = self._next(fresh) if self._generates else self._call()
+        if result is True:  # fast path
+            self.running = False
+            return SUCCESS
+        if isinstance(result, Mapping):
+            self._write(result)
+            result = True
+        declared = self._vocabulary.action(self._name)
+        status = status_of(result, self._name, self._leaf, condition=declared.condition)
+        self.running = status == RUNNING
+        return status
 
-class GeneratorSteps:
-    """A leaf that is a generator function; it is restarted when its node starts."""
+    def stop(self) -> None:
+        """Closes the generator and calls the function's own `stop`, if the leaf runs."""
+        if not self.running:
+            return
+        self.running = False
+        generator, self._generator = self._generator, None
+        if generator is not None:
+            generator.close()
+        if callable(stop := getattr(self._leaf, "stop", None)):
+            stop()
 
-    __slots__ = ("_leaf", "_running")
-
-    def __init__(self, leaf: Callable[[], Any]) -> None:
-        self._leaf = leaf
-        self._running: Generator[None, None, bool] | None = None
-
-    def __call__(self, fresh: bool) -> Any:
+    def _next(self, fresh: bool) -> Any:
         """Advance to the next `yield`; return RUNNING, or the generator's result at its end."""
-        running = self._running
-        if fresh or running is None:
-            running = self._running = self._leaf()
+        if fresh or self._generator is None:
+            self._generator = self._call()
         try:
-            value = next(running)
+            value = next(self._generator)
         except StopIteration as end:
-            self._running = None
+            self._generator = None
             return end.value
         if value is not None and value != RUNNING:
             raise DomainError(
@@ -93,48 +113,30 @@ class GeneratorSteps:
             )
         return RUNNING
 
-    def stop(self) -> None:
-        """Close a running generator. Raises RuntimeError if it yields again."""
-        running, self._running = self._running, None
-        if running is not None:
-            running.close()
+    def _value(self, key: str) -> object:
+        """The present value of a key, as an argument."""
+        number = self._board[self._places[key]]
+        return self._vocabulary.value(key, number) if key in self._vocabulary.keys else number
 
-
-def results_of(
-    result: object, name: str, vocabulary: Vocabulary
-) -> tuple[dict[str, float], object]:
-    """The values of keys in the result of an action, which succeeds if it returns a mapping.
-
-    Args:
-        result: of the action's function.
-        name: of the action.
-        vocabulary: declares the keys that the action sets.
-
-    Returns:
-        The values by key, and True; for another result no values, and the result.
-
-    Raises:
-        DomainError: the action does not declare one of the keys, or a key cannot have the value.
-    """
-    if not isinstance(result, Mapping):
-        return {}, result
-    sets = vocabulary.action(name).sets
-    values: dict[str, float] = {}
-    for key, value in result.items():
-        if key not in sets:
-            raise DomainError(
-                f"Expected results of {name} among its `sets` ({', '.join(sets) or 'none'}), found"
-                f" {key!r}."
-            )
-        declared = vocabulary.keys[key]
-        number = declared.indexed(value)
-        if not is_number(number) or (declared.words and number not in range(len(declared.words))):
-            expected = declared.kind if declared.words else "a finite number, True or False"
-            raise DomainError(
-                f"Expected {expected} as the result {key} of {name}, found {short_repr(value)}."
-            )
-        values[key] = float(number)
-    return values, True
+    def _write(self, result: Mapping[Any, Any]) -> None:
+        """Writes the keys that the function returns."""
+        sets = self._vocabulary.action(self._name).sets
+        for key, value in result.items():
+            if key not in sets:
+                raise DomainError(
+                    f"Expected results of {self._name} among its `sets`"
+                    f" ({', '.join(sets) or 'none'}), found {key!r}."
+                )
+            declared = self._vocabulary.keys[key]
+            number, words = declared.indexed(value), declared.words
+            if not is_number(number) or (words and number not in range(len(words))):
+                expected = declared.kind if words else "a finite number, True or False"
+                raise DomainError(
+                    f"Expected {expected} as the result {key} of {self._name}, found"
+                    f" {short_repr(value)}."
+                )
+            if key in self._places:
+                self._board[self._places[key]] = float(number)
 
 
 def status_of(result: object, name: str, leaf: object, *, condition: bool = False) -> int:

@@ -16,7 +16,6 @@ episode's end, is closed, so that its `finally` runs.
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Callable, Mapping
 from copy import copy
 from functools import cache, wraps
@@ -26,18 +25,16 @@ from typing import Any, ClassVar, ParamSpec, Protocol, Self, TypeVar
 
 from pydantic import BaseModel
 
-from islandgp.bt.core.closures import Tick
 from islandgp.bt.core.engine import compile_tree
-from islandgp.bt.core.node import RUNNING, SUCCESS, ActionArgs, Node, walk
-from islandgp.bt.core.parameters import bound
-from islandgp.bt.core.vocabulary import Key, Vocabulary
+from islandgp.bt.core.node import RUNNING, ActionArgs, Node
+from islandgp.bt.core.vocabulary import Key
 from islandgp.domain.checks import must_be_values, must_last, must_take, no_ending, wrong_measure
 from islandgp.domain.contract import Observer, Outcome, Schema, wants_scenes
 from islandgp.domain.event_log import EventLog
 from islandgp.domain.rewards import RewardTable
 from islandgp.domain.sensors import SensorFaults
 from islandgp.errors import DomainError
-from islandgp.leaves import GeneratorSteps, Leaf, results_of, status_of, steps, with_arguments
+from islandgp.leaves import Leaf, LeafRunner
 from islandgp.plugin import defined_in, short_repr
 from islandgp.time_limit import Overdue
 
@@ -175,8 +172,7 @@ class SimulatorDomain:
         draws = observer is not None and wants_scenes(observer)
         episode, leaves = self.begin(seed, log, watched=draws)
         try:
-            ticks = _Leaves(leaves, self.schema.vocabulary, log)
-            return self._run(episode, ticks, tree, log, observer, seed)
+            return self._run(episode, leaves, tree, log, observer, seed)
         except TypeError as error:
             for name in ("sense", "step", "measures", "scene", *leaves):
                 if (method := leaves.get(name, getattr(episode, name, None))) is not None:
@@ -219,7 +215,7 @@ class SimulatorDomain:
     def _run(
         self,
         episode: Any,
-        leaves: _Leaves,
+        leaves: Mapping[str, Leaf],
         tree: Node,
         log: EventLog,
         observer: Observer | None,
@@ -233,17 +229,15 @@ class SimulatorDomain:
         board = [initial.get(place, 0.0) for place in range(len(key_index))]
         sensed = {n: key for n, key in vocabulary.keys.items() if not key.writable}
         places = [key_index[name] for name in sensed]
-        leaves.board = board
+        runners: list[_LoggedLeaf] = []
+
+        def runner_of(args: ActionArgs) -> _LoggedLeaf:
+            runner = LeafRunner(args, leaves[args.name], vocabulary, board, key_index)
+            runners.append(_LoggedLeaf(args.name, runner, log))
+            return runners[-1]
+
         watch = None if observer is None else observer.node
-        tick = compile_tree(
-            tree,
-            leaves.tick_of,
-            board,
-            key_index,
-            watch=watch,
-            stopped=leaves.stopper(tree),
-            step_s=self.step_s,
-        )
+        tick = compile_tree(tree, runner_of, board, key_index, watch=watch, step_s=self.step_s)
         read, see = self.reader(episode), None
         if self.faults is not None:
             see = self.faults.sensors(sensed, seed)
@@ -262,7 +256,8 @@ class SimulatorDomain:
             ending = step()
             if ending and not isinstance(ending, str):
                 raise DomainError(no_ending(ending, step))
-        leaves.stop()
+        for runner in runners:
+            runner.stop()
         return Outcome(
             components=log.components,
             counters=_counters(self.schema, log, measures),
@@ -300,62 +295,24 @@ def _counters(schema: Schema, log: EventLog, measures: Any) -> dict[str, float]:
     return {name: float(measured.get(name, log.counts.get(name, 0))) for name in schema.counters}
 
 
-class _Leaves:
-    """Makes the tick functions of a tree's leaves, each with its own generator."""
+class _LoggedLeaf:
+    """A leaf whose events are logged as those of its action."""
 
-    def __init__(self, leaves: Mapping[str, Leaf], vocabulary: Vocabulary, log: EventLog) -> None:
-        self._leaves, self._vocabulary, self._log = leaves, vocabulary, log
-        self._generators: list[tuple[int, str, GeneratorSteps]] = []  # number of the leaf, action
-        self._leaf_count = 0  # leaves so far, in document order
-        self.board: list[float] = []
+    def __init__(self, name: str, runner: LeafRunner, log: EventLog) -> None:
+        self._name, self._runner, self._log = name, runner, log
 
-    def tick_of(self, args: ActionArgs) -> Tick:
-        """The tick function of a leaf; the arguments are passed by name."""
-        name, log = args.name, self._log
-        leaf: Leaf = self._leaves[name]
-        if arguments := self._vocabulary.action(name).arguments:
-            leaf = with_arguments(
-                leaf, bound(args, arguments), self._vocabulary.keys, self._value_of
-            )
-        call = steps(leaf)
-        if isinstance(call, GeneratorSteps):
-            self._generators.append((self._leaf_count, name, call))
-        self._leaf_count += 1
+    def __call__(self, fresh: bool) -> int:
+        self._log.action = self._name
+        try:
+            status = self._runner(fresh)
+        except Overdue as late:
+            late.action = late.action or self._name
+            raise
+        self._log.action = ""
+        return status
 
-        def tick(fresh: bool) -> int:
-            log.action = name
-            try:
-                status = call(fresh)
-            except Overdue as late:
-                late.action = late.action or name
-                raise
-            log.action = ""
-            if status is True:
-                return SUCCESS
-            values, status = results_of(status, name, self._vocabulary)
-            for key, value in values.items():
-                self.board[self._vocabulary.key_index[key]] = value
-            return status_of(status, name, self._leaves[name])
-
-        return tick
-
-    def _value_of(self, key: str) -> object:
-        vocabulary = self._vocabulary
-        return vocabulary.value(key, self.board[vocabulary.key_index[key]])
-
-    def stopper(self, tree: Node) -> Callable[[int, int], None]:
-        """A function that stops the generators of a part of the tree, given by its positions."""
-        positions = [at for at, node in enumerate(walk(tree)) if node.action]
-
-        def stopped(first: int, end: int) -> None:
-            self.stop(bisect_left(positions, first), bisect_left(positions, end))
-
-        return stopped
-
-    def stop(self, first: int = 0, end: int | None = None) -> None:
-        """Closes the running generators of the leaves with these numbers, by default of all."""
-        for number, name, generator in self._generators:
-            if first <= number and (end is None or number < end):
-                self._log.action = name
-                generator.stop()
-                self._log.action = ""
+    def stop(self) -> None:
+        """Stops the leaf if it runs."""
+        self._log.action = self._name
+        self._runner.stop()
+        self._log.action = ""

@@ -1,15 +1,14 @@
 """The tick function of each kind of node: a closure that holds the node's memory.
 
-The entry of a kind in `kinds` names one of these functions, or one of `nav2_closures`, and `engine`
-calls it to compile a node of the kind. docs/semantics.md specifies the nodes.
+The entry of a kind in `kinds` names one of these functions, or one of `nav2_closures`, and a
+`Compiler` calls it to compile a node of the kind. docs/semantics.md specifies the nodes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import NamedTuple, Protocol, TypeAlias
 
-from islandgp.bt.core.condition import Condition, ConditionExpr
+from islandgp.bt.core.compiler import Compiler, Maker, Observed, Tick
 from islandgp.bt.core.node import (
     AGAIN,
     FAILURE,
@@ -24,81 +23,6 @@ from islandgp.bt.core.node import (
     guard_of,
 )
 
-Tick: TypeAlias = Callable[[bool], int]  # (fresh) -> status
-ReportStopped: TypeAlias = Callable[[int, int], None]
-"""Called when a subtree is stopped, with the position of its first node and that after its last.
-
-Positions are in document order. It calls the watch but not the nodes: the next call of an aborted
-action has `fresh=True`.
-"""
-
-
-class ObservedGuard(NamedTuple):
-    """A `when` that a composite observes while a later branch runs."""
-
-    branch: int
-    slot: int  # of `Observed.truth`
-    holds: Callable[[], bool]
-
-
-class Observed:
-    """Observed guards of a composite."""
-
-    __slots__ = ("branch", "guards", "truth")
-
-    def __init__(self) -> None:
-        self.branch = 0  # index of the branch that is being compiled
-        self.guards: list[ObservedGuard] = []  # in document order
-        self.truth: list[bool | None] = []  # last known, by slot; None: not visited yet
-
-    def add(self, holds: Callable[[], bool]) -> int:
-        """Add a guard of the branch that is being compiled; return its index in `truth`."""
-        slot = len(self.guards)
-        self.guards.append(ObservedGuard(self.branch, slot, holds))
-        self.truth.append(None)
-        return slot
-
-
-class Compiler(Protocol):
-    """Compiles the children of a node; see `engine`."""
-
-    now: int  # number of the tick
-    report_stopped: ReportStopped
-
-    def stop_midtick(self, first: int, end: int) -> None:
-        """As `report_stopped`, of a subtree that has been ticked in this tick."""
-
-    def child(self, node: Node, observed: Observed | None) -> tuple[Tick, tuple[int, int]]:
-        """The closure of the only child, and its position with that after its last node."""
-
-    def children(
-        self, node: Node, observed: Observed | None = None
-    ) -> tuple[list[Tick], list[int]]:
-        """The closures of children, and their positions with that after the last one.
-
-        `observed` collects their observed guards; None: their guards are not observed.
-        """
-
-    def action(self, args: ActionArgs) -> Tick:
-        """The function of an action."""
-
-    def writer(self, assigned: Condition) -> Callable[[], None]:
-        """The function that writes a key."""
-
-    def ticks(self, node: Node) -> int:
-        """The seconds of a node as a number of ticks."""
-
-    def holds(self, expr: ConditionExpr) -> Callable[[], bool]:
-        """The function that evaluates a condition."""
-
-
-Maker: TypeAlias = Callable[[Compiler, Node, Observed | None], Tick]
-"""Makes the tick function of a node.
-
-`Observed` collects the observed guards of the nearest composite above. It is None if the composite
-observes no guard of this branch.
-"""
-
 
 def ordered(advance_status: int) -> Maker:
     """A selector (`advance_status` FAILURE) or a sequence (SUCCESS)."""
@@ -108,9 +32,7 @@ def ordered(advance_status: int) -> Maker:
         branches, positions = compiler.children(node, observed)
         if not observed.guards:
             return _composite(branches, advance_status)
-        return _observing_composite(
-            branches, advance_status, observed, positions, compiler.report_stopped
-        )
+        return _observing_composite(branches, advance_status, observed, positions, compiler.stop)
 
     return make
 
@@ -140,7 +62,7 @@ def _observing_composite(
     advance_status: int,
     observed: Observed,
     positions: list[int],
-    report_stopped: ReportStopped,
+    stop: Callable[[int, int], None],
 ) -> Tick:
     """A selector or sequence that goes back to an earlier branch when its guard becomes true.
 
@@ -149,7 +71,7 @@ def _observing_composite(
         advance_status: the status of a branch after which the next one starts.
         observed: the guards of all branches but the last.
         positions: of the first node of each branch, and that after the last branch.
-        report_stopped: called with the positions of the branch that is stopped.
+        stop: called with the positions of the branch that is stopped.
     """
     count = len(branches)
     guards, truth = tuple(observed.guards), observed.truth
@@ -176,7 +98,7 @@ def _observing_composite(
         else:
             at = turned_true()
             if at != current:
-                report_stopped(positions[current], positions[current + 1])
+                stop(positions[current], positions[current + 1])
                 fresh = True
                 for branch, slot, _ in guards:
                     if branch >= at:
@@ -204,7 +126,7 @@ def reactive(advance_status: int) -> Maker:
 
     def make(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
         branches, positions = compiler.children(node)
-        report_stopped = compiler.report_stopped
+        stop = compiler.stop
         current = 0  # the child that ran in the tick before
 
         def tick(fresh: bool) -> int:
@@ -214,7 +136,7 @@ def reactive(advance_status: int) -> Maker:
                 status = branch(at != running)
                 if status != advance_status:
                     if running > at:
-                        report_stopped(positions[running], positions[running + 1])
+                        stop(positions[running], positions[running + 1])
                     current = at
                     # The children before it start again in the next tick.
                     return AGAIN if status == RUNNING and at else status
@@ -323,14 +245,14 @@ def wait(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
 def timeout(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
     """Fails some ticks after its start if its child still runs."""
     (child, span), ticks = compiler.child(node, observed), compiler.ticks(node)
-    report_stopped = compiler.report_stopped
+    stop = compiler.stop
     remaining = 0
 
     def tick(fresh: bool) -> int:
         nonlocal remaining
         remaining = ticks if fresh else remaining - 1
         if remaining == 0:
-            report_stopped(*span)
+            stop(*span)
             return FAILURE
         status = child(fresh)
         return AGAIN if status == RUNNING else status
@@ -390,14 +312,14 @@ def when(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
     if observed is not None and guard.interrupts:
         truth, slot = observed.truth, observed.add(holds)
     child, span = compiler.child(node, observed)
-    report_stopped = compiler.report_stopped
+    stop = compiler.stop
 
     def tick(fresh: bool) -> int:
         if fresh:
             truth[slot] = true_now = holds()
             return child(True) if true_now else FAILURE
         if checks_itself and not holds():
-            report_stopped(*span)
+            stop(*span)
             return FAILURE
         return child(False)
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from islandgp.bt.core.closures import Compiler, Observed, Tick
+from islandgp.bt.core.compiler import Compiler, Observed, Tick
 from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node, count_of
 
 
