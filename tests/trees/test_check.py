@@ -125,7 +125,7 @@ DOUBTFUL = [
     ("when batteryLevel > 100 { SeekCharger }", (1, 27), "0 to 100"),
     ("when lap < 0 { SeekCharger }", (1, 16), "can never run"),
     ("when lap > 1 { when lap > 1 { SeekCharger } }", (1, 16), "is redundant"),
-    ("when lap > 2 { sequence { when lap > 1 { SeekCharger } } }", (1, 27), "requires lap > 2"),
+    ("when lap > 2 { sequence { when lap > 1 { SeekCharger } } }", (1, 27), "lap > 2 holds here"),
     ("when batteryLevel >= 0 { SeekCharger }", (1, 1), "always holds"),
     ("inverter { inverter { SeekCharger } }", (1, 1), "double inverter"),
     ("when not foundGarbage { MoveToGarbage }", (1, 25), "MoveToGarbage can never succeed"),
@@ -149,7 +149,7 @@ DOUBTFUL = [
     (
         "when foundGarbage or lap > 1 { when lap < 1 and not foundGarbage { SeekCharger } }",
         (1, 68),
-        "the guard above it requires foundGarbage or lap > 1",
+        "foundGarbage or lap > 1 holds here",
     ),
     ("when not (foundGarbage or lap > 1) { MoveToGarbage }", (1, 38), "can never succeed"),
     ("subtree a = SeekCharger PatrolWaypoint", (1, 9), "never used"),
@@ -199,8 +199,7 @@ def test_a_branch_that_earlier_ones_exclude_is_reported() -> None:
     found = warnings(SHADOWED, VOCABULARY)
     assert [(w.line, w.code) for w in found] == [(3, "unreachable"), (4, "unreachable")]
     assert found[1].message == (
-        "this branch can never run: lap > 2 can't hold, as the branches before it leave only"
-        " lap <= 1"
+        "this branch can never run: lap > 2 can't hold, as lap <= 1 holds here"
     )
     may_fail = SHADOWED.replace("PatrolWaypoint", "PickupGarbage").replace(
         "SeekCharger", "ExecuteCharge"
@@ -211,7 +210,7 @@ def test_a_branch_that_earlier_ones_exclude_is_reported() -> None:
         VOCABULARY,
     )
     assert redundant.code == "needless-guard"
-    assert "as the branches before it leave only lap <= 1" in redundant.message
+    assert "as lap <= 1 holds here" in redundant.message
 
 
 WHOLE = """selector {
@@ -231,7 +230,7 @@ def test_thresholds_of_whole_numbers(islandgp: Cli, tmp_path: Path) -> None:
     assert found[0].startswith(
         "this branch can never run: lap == 2.05 can't hold, as lap is a whole"
     )
-    assert found[1] == "lap is a whole number: lap < 1.03 is lap < 2"
+    assert found[1] == "of whole numbers, lap < 1.03 is lap < 2"
     assert "robotCurrentExtraCapacity > 30 can't hold" in found[2]
     larger = islandgp("check", tmp_path / "t.bt", "--set", "world.robot.capacity=40").out
     assert "robotCurrentExtraCapacity > 30 can't hold" not in larger

@@ -188,17 +188,7 @@ RULES = {
         "when x < 1 abort none { sequence { A when x < 2 { B } } }",
     )
     * 2,
-    "a guard that the next one makes needless": (
-        "when x < 2 { when x < 1 { A } }",
-        "when x < 1 { A }",
-    ),
     "a condition that always holds": ("when x >= 0 { A }", "A"),
-    "De Morgan": (
-        "inverter { sequence { inverter { A } inverter { B } } }",
-        "selector { A B }",
-    ),
-    "parallel in a parallel": ("parallel { A parallel { B D } }", "parallel { A B D }"),
-    "another parallel in a parallel": ("parallel { A parallel success one { B D } }",) * 2,
     "never succeeds, never repeated": ("repeater 3 { inverter { G } }", "inverter { G }"),
 }
 

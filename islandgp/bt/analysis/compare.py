@@ -7,6 +7,7 @@ branch is one inserted node, while a comparison of texts would show the whole br
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
+from difflib import SequenceMatcher
 from enum import StrEnum
 from itertools import count
 from typing import NamedTuple, TypeAlias
@@ -86,53 +87,12 @@ def _edges(tree: Node) -> list[_Edge]:
 def _rows(old: Sequence[_Edge], new: Sequence[_Edge]) -> Iterator[_Row]:
     """The edges of both trees in order, with equal ones paired."""
     before, after = ([(e.end, e.node.kind, e.node.args) for e in edges] for edges in (old, new))
-    i = j = 0
-    for same_i, same_j in [*_common(before, after), (len(old), len(new))]:
-        a, b = old[i:same_i], new[j:same_j]
+    for tag, i, i_end, j, j_end in SequenceMatcher(None, before, after).get_opcodes():
+        a, b = old[i:i_end], new[j:j_end]
         sorts = [[(edge.end, edge.node.action != "") for edge in part] for part in (a, b)]
-        if sorts[0] == sorts[1]:  # each can become the other in place
-            yield from ((Mark.CHANGED, *pair) for pair in zip(a, b, strict=True))
+        if sorts[0] == sorts[1]:  # each is equal, or can become the other in place
+            mark = Mark.SAME if tag == "equal" else Mark.CHANGED
+            yield from ((mark, *pair) for pair in zip(a, b, strict=True))
         else:
             yield from ((Mark.DELETED, edge, None) for edge in a)
             yield from ((Mark.INSERTED, None, edge) for edge in b)
-        if same_i < len(old):
-            yield Mark.SAME, old[same_i], new[same_j]
-        i, j = same_i + 1, same_j + 1
-
-
-def _common(old: Sequence[object], new: Sequence[object]) -> list[tuple[int, int]]:
-    """The indices of a longest common subsequence in both, ascending.
-
-    Bit-parallel: `steps` has a 0 for each place of `new` at which the length grows by one. So one
-    addition of large integers does a whole row (Hyyroe 2004, Bit-parallel LCS-length computation
-    revisited).
-    """
-    begin, shortest = 0, min(len(old), len(new))
-    while begin < shortest and old[begin] == new[begin]:
-        begin += 1
-    end = 0
-    while end < shortest - begin and old[-1 - end] == new[-1 - end]:
-        end += 1
-    rest_old, rest_new = old[begin : len(old) - end], new[begin : len(new) - end]
-    where: dict[object, int] = {}
-    for place, each in enumerate(rest_new):
-        where[each] = where.get(each, 0) | 1 << place
-    full = (1 << len(rest_new)) - 1
-    rows = [full]
-    for each in rest_old:
-        steps = rows[-1]
-        matches = steps & where.get(each, 0)
-        rows.append((steps + matches | steps - matches) & full)
-    pairs: list[tuple[int, int]] = []
-    i, j = len(rest_old), len(rest_new)
-    while i and j:
-        if rows[i] >> (j - 1) & 1:  # the length does not grow here
-            j -= 1
-        elif not rows[i - 1] >> (j - 1) & 1:  # it grew in a row before
-            i -= 1
-        else:
-            i, j = i - 1, j - 1
-            pairs.append((begin + i, begin + j))
-    head = [(place, place) for place in range(begin)]
-    tail = [(len(old) - n, len(new) - n) for n in range(end, 0, -1)]
-    return [*head, *reversed(pairs), *tail]

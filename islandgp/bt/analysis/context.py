@@ -20,7 +20,7 @@ from functools import lru_cache
 from typing import Final, NamedTuple
 
 from islandgp.bt.analysis.satisfiability import Conditions, excludes, implies
-from islandgp.bt.core.condition import ConditionExpr, combine, opposite, terms
+from islandgp.bt.core.condition import Condition, ConditionExpr, combine, opposite, terms
 from islandgp.bt.core.kinds import advance_status, kind_of
 from islandgp.bt.core.node import (
     FAILURE,
@@ -330,3 +330,28 @@ def _parallel_ends(args: ParallelArgs, node: Node, context: NodeContext) -> list
     # If all children have ended without a decision, too few succeeded: it fails.
     fails = failing >= min(failure, len(node.children) - success + 1)
     return [FAILURE] * fails + [SUCCESS] * (succeeding >= success)
+
+
+def dead_end(node: Node, context: NodeContext) -> int | None:
+    """Index of the first child after which no later child can run, or None.
+
+    The last child does not count.
+    """
+    advance = advance_status(node)
+    for index, (child, here) in enumerate(
+        zip(node.children[:-1], child_contexts(node, context), strict=False)
+    ):
+        if end_facts(child, here, advance) is None:
+            return index
+    return None
+
+
+def contradictions(node: Node, context: NodeContext) -> Iterator[tuple[Condition, Conditions]]:
+    """What an action needs to succeed but cannot have in its place, with what holds there."""
+    action = context.vocabulary.action(node.action)
+    for needed, holding in (
+        *((needed, context.at_start) for needed in action.to_start),
+        *((needed, context.always) for needed in action.to_succeed),
+    ):
+        if excludes(holding, needed):
+            yield needed, holding

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 from typing import Final, NamedTuple, TypeAlias
 
@@ -16,29 +16,26 @@ from islandgp.bt.analysis.conflicts import conflicts
 from islandgp.bt.analysis.context import (
     NodeContext,
     abort_effects,
-    always_holds,
     child_contexts,
-    conditions_when_evaluated,
-    ends_at_once,
-    may_interrupt,
+    contradictions,
+    dead_end,
     never,
     root_context,
 )
-from islandgp.bt.analysis.outcomes import contradictions, dead_end
-from islandgp.bt.analysis.satisfiability import (
-    Conditions,
-    excludes,
-    implies,
-    shortened,
-    without_decimals,
+from islandgp.bt.analysis.satisfiability import Conditions, excludes, implies, keys_of
+from islandgp.bt.analysis.simplify import (
+    double_inverter,
+    holds_anyway,
+    shorter_condition,
+    whole_numbers,
 )
-from islandgp.bt.core.condition import ConditionExpr, terms
+from islandgp.bt.core.condition import Condition
 from islandgp.bt.core.kinds import advance_status, kind_of
 from islandgp.bt.core.language import SourceSpan, parse_placed
-from islandgp.bt.core.node import FAILURE, SUCCESS, GuardArgs, Node, ParallelArgs, Place, size
+from islandgp.bt.core.node import FAILURE, Node, ParallelArgs, Place, size, walk
 from islandgp.bt.core.printer import condition_text, head
 from islandgp.bt.core.source import Source, plain
-from islandgp.bt.core.vocabulary import Key, Vocabulary
+from islandgp.bt.core.vocabulary import Vocabulary
 
 Above: TypeAlias = tuple[tuple[Node, int], ...]
 """The ancestors of a node, each with the index of the child that leads to the node."""
@@ -86,10 +83,6 @@ class LintWarning:
         return str(file.error(f"warning: {self.message}", self.line, self.column))
 
 
-Undone: TypeAlias = Callable[[str, int], Sequence[bool]]
-"""`_undone_changes` of the places of a tree, by key and direction."""
-
-
 class _Context(NamedTuple):
     """A node of the expanded tree with its context."""
 
@@ -123,12 +116,11 @@ def warnings(
     tree, source, unused = parse_placed(text, vocabulary, name=name, folder=folder)
     never_run: set[int] = set()  # places below a node that never runs: one warning is enough
     places = list(_places(tree, root_context(tree, vocabulary), ()))
-    undone = cache(partial(_undone_changes, places))
     doubts: dict[tuple[Place, str], dict[int, str]] = {}  # by origin and code: message by place
     for index, place in enumerate(places):
         if index in never_run:
             continue
-        for at, code, message in _about(place, index, undone):
+        for at, code, message in _about(place, index):
             doubts.setdefault((source[at].origin, code), {})[at] = message
             if code == "unreachable":
                 never_run.update(range(at, at + size(places[at].node)))
@@ -148,7 +140,7 @@ def warnings(
         others = [source[at] for at in reached.get(origin, ()) if at not in messages]
         if code in ADVICE and others:
             continue
-        uses = _uses_of([source[at] for at in messages], others) if others else ""
+        uses = _uses_of([source[at] for at in messages]) if others else ""
         for at in sorted(messages, reverse=True):
             line, column, *_ = source[at]
             distinct[(line, column), code] = messages[at] + uses
@@ -160,21 +152,10 @@ def warnings(
     return sorted([*never_used, *doubtful])
 
 
-def _uses_of(places: Sequence[SourceSpan], others: Sequence[SourceSpan]) -> str:
-    """The uses of a subtree to which a warning applies, for its message.
-
-    Args:
-        places: of a node, in the uses to which the warning applies.
-        others: of the same node, in all other uses.
-    """
-    deepest = max(len(place.uses) for place in places)
-    for level in range(1, deepest + 1):  # from the inside: the first level that separates them
-        chains = {place.uses[-level:] for place in places}
-        if chains.isdisjoint(place.uses[-level:] for place in others):
-            uses = sorted({chain[0] for chain in chains})
-            listing = ", ".join(f"{line}:{column}" for line, column in uses)
-            return f"; in the use{'s' * (len(uses) != 1)} at {listing}"
-    return "; in some uses of the subtree"
+def _uses_of(places: Sequence[SourceSpan]) -> str:
+    """The uses of a subtree to which a warning applies, for its message."""
+    uses = [f"{line}:{column}" for line, column in sorted({place.uses[0] for place in places})]
+    return f"; in the use{'s' * (len(uses) != 1)} at {', '.join(uses)}"
 
 
 def _places(node: Node, context: NodeContext, above: Above) -> Iterator[_Context]:
@@ -184,23 +165,37 @@ def _places(node: Node, context: NodeContext, above: Above) -> Iterator[_Context
         yield from _places(child, here, (*above, (node, index)))
 
 
-def _about(place: _Context, at: int, undone: Undone) -> Iterator[tuple[int, str, str]]:
+_ADVICE: Final = {
+    double_inverter: "double-inverter",
+    holds_anyway: "needless-guard",
+    shorter_condition: "long-condition",
+    whole_numbers: "whole-number",
+}
+"""Rules of `simplify` whose reason is a warning, with its code."""
+
+
+def _about(place: _Context, at: int) -> Iterator[tuple[int, str, str]]:
     """Warnings about one node: (place, one of CODES, message)."""
     node, context, _ = place
     kind = kind_of(node)
     if kind.advance_status is not None:
         yield from _never_goes_on(node, context, at)
-    elif kind.inverts and kind_of(node.children[0]).inverts:
-        yield at, "double-inverter", "double inverter: the two undo each other"
+    elif kind.inverts and (rewrite := double_inverter(node, context)):
+        yield at, _ADVICE[double_inverter], rewrite[1]
     elif isinstance(node.args, ParallelArgs):
         for count in node.args:
             if isinstance(count, int | float) and count > len(node.children):
                 message = f"{head(node)} has {len(node.children)} children, so it needs all of them"
                 yield at, "parallel-count", message
     elif node.guard:
-        yield from _guard(node.guard, place, at)
+        yield from _guard(place, at)
     elif node.action:
-        yield from _action(place, at, undone)
+        for needed, holding in contradictions(node, context):
+            if not _undone(needed, place):
+                reason = _reasons(holding, partial(excludes, expr=needed), context.vocabulary)
+                needs = f"it needs {condition_text(needed)}, but {reason}"
+                yield at, "never-succeeds", f"{node.action} can never succeed here: {needs}"
+                return
 
 
 def _never_goes_on(node: Node, context: NodeContext, at: int) -> Iterator[tuple[int, str, str]]:
@@ -214,139 +209,67 @@ def _never_goes_on(node: Node, context: NodeContext, at: int) -> Iterator[tuple[
         yield at + 1 + sum(map(size, node.children[: index + 1])), "unreachable", message
 
 
-def _guard(guard: GuardArgs, place: _Context, at: int) -> Iterator[tuple[int, str, str]]:
-    expr, context = guard.condition, place.context
+def _guard(place: _Context, at: int) -> Iterator[tuple[int, str, str]]:
+    node, context, _ = place
+    guard = node.guard
+    assert guard is not None
+    expr = guard.condition
     if never(guard, context):
-        reason = _why_not(expr, context.at_start, place)
-        yield at + 1, "unreachable", f"this branch can never run: {reason}"
+        reason = _reasons(context.at_start, partial(excludes, expr=expr), context.vocabulary)
+        why = f", as {reason}" if reason else " on any blackboard"
+        message = f"this branch can never run: {condition_text(expr)} can't hold{why}"
+        yield at + 1, "unreachable", message
         return
-    if always_holds(guard, context) and not may_interrupt(guard, context):
-        message = f"this guard is redundant: {_reason(expr, place)}"
+    if holds_anyway(node, context):
+        reason = _reasons(context.at_start, partial(implies, expr=expr), context.vocabulary)
+        why = f", as {reason}" if reason else ""
+        message = f"this guard is redundant: {condition_text(expr)} always holds{why}"
         yield at, "needless-guard", message
         return
-    if (same := without_decimals(expr, context.vocabulary)) != expr:
-        pairs = zip(terms(expr), terms(same), strict=True)
-        name = next(term.key for term, new in pairs if term != new)
-        message = f"{name} is a whole number: {condition_text(expr)} is {condition_text(same)}"
-        yield at, "whole-number", message
-    effects = dict(zip(("self", "lower"), abort_effects(place.node, context), strict=True))
+    for rule in (whole_numbers, shorter_condition):
+        if rewrite := rule(node, context):
+            yield at, _ADVICE[rule], rewrite[1]
+    effects = dict(zip(("self", "lower"), abort_effects(node, context), strict=True))
     if not effects.get(guard.abort, True):
-        reason = _inert(guard.abort, place)
-        yield at, "needless-abort", f"abort {guard.abort} has no effect here: {reason}"
-    if (same := shortened(expr, conditions_when_evaluated(guard, context))) != expr:
-        message = f"this condition is equivalent to a shorter one: {condition_text(same)}"
-        yield at, "long-condition", message
+        yield at, "needless-abort", f"abort {guard.abort} has no effect here: {_INERT[guard.abort]}"
 
 
-def _action(place: _Context, at: int, undone: Undone) -> Iterator[tuple[int, str, str]]:
-    context, name = place.context, place.node.action
-    for needed, holding in contradictions(place.node, context):
-        sign = context.vocabulary.action(name).changes.get(needed.key, 0)
-        if sign and undone(needed.key, sign)[at]:
-            continue
-        reason = _why_not(needed, holding, place)
-        yield at, "never-succeeds", f"{name} can never succeed here: {reason}"
-        return
+_INERT: Final = {
+    "self": "its child ends in the tick in which it starts, or the condition stays true",
+    "lower": "there is no later branch that it could stop",
+}
 
 
-def _undone_changes(places: Sequence[_Context], key: str, sign: int) -> list[bool]:
-    """For each place: True if an earlier action in the tick changes a key in the other direction.
+def _undone(needed: Condition, place: _Context) -> bool:
+    """True if an action earlier in the tick may change what an action needs.
 
-    The blackboard has the values at the start of the tick. An action may undo another one's change
-    of a key in the same tick. `sign` is the direction of the change that may be undone.
+    The blackboard has the values at the start of the tick. After a success a selector does not
+    continue, so that the success of an earlier action below guards alone changes nothing.
     """
-    undone: list[bool] = []
-
-    def visit(before: bool) -> tuple[bool, bool]:
-        """Whether an action below changes the key, and whether the node may still fail."""
-        node, context, _ = places[len(undone)]
-        undone.append(before)
-        if node.action:
-            action = context.vocabulary.action(node.action)
-            return action.changes.get(key, 0) * sign < 0, False
-        changes = stays = False
-        for index in range(len(node.children)):
-            below_changes, below_stays = visit(before)
-            changes |= below_changes
-            stays |= below_stays or (below_changes and not _passes_up(node, index))
-            # After a success a selector does not continue.
-            before |= below_stays if kind_of(node).advance_status == FAILURE else below_changes
-        return changes, stays
-
-    visit(False)
-    return undone
+    actions = place.context.vocabulary.action
+    sign = actions(place.node.action).changes.get(needed.key, 0)
+    for node, index in place.above if sign else ():
+        chooses = kind_of(node).advance_status == FAILURE
+        for child in node.children[:index]:
+            ends_it = chooses and all(each.guard or each.action for each in walk(child))
+            changes = (actions(each.action).changes.get(needed.key, 0) for each in walk(child))
+            if not ends_it and any(change * sign < 0 for change in changes):
+                return True
+    return False
 
 
-def _passes_up(node: Node, index: int) -> bool:
-    """True if the node succeeds in the tick in which that child succeeds."""
-    last = index == len(node.children) - 1
-    kind = kind_of(node)
-    if kind.decorates:
-        return kind.ends[SUCCESS] == SUCCESS
-    return kind.advance_status == FAILURE or (kind.advance_status == SUCCESS and last)
-
-
-def _why_not(needed: ConditionExpr, conditions: Sequence[ConditionExpr], place: _Context) -> str:
-    """The reason why a guard's condition, or one that an action needs, contradicts `conditions`."""
-    text, keys = condition_text(needed), {key for term in terms(needed) for key in term.keys}
-    lead = f"it needs {text}" if place.node.action else f"{text} can't hold"
-    if excludes((), needed):
-        return f"{lead} on any blackboard"
-    guards = [
-        c
-        for c in _guards(place.above)
-        if c in conditions and not keys.isdisjoint(key for t in terms(c) for key in t.keys)
-    ]
-    vocabulary = place.context.vocabulary
-    against = [c for c in guards if excludes((c,), needed)][-1:]
-    if not against and excludes(vocabulary.always, needed):
-        meant = (_meaning(key, vocabulary.keys[key]) for key in sorted(keys))
-        return f"{lead}, as {' and '.join(meant)}"
-    if not against and excludes((*vocabulary.always, *guards), needed):
-        against = guards
-    if not against:
-        return f"{lead}, {_before(conditions, place, lambda facts: excludes(facts, needed))}"
-    guard = "guard above it requires" if len(against) == 1 else "guards above it require"
-    return f"{lead}, but the {guard} {' and '.join(map(condition_text, against))}"
-
-
-def _meaning(name: str, key: Key) -> str:
-    whole = "a whole number, " if key.whole and not key.words else ""
-    return f"{name} is {whole}{key.meaning}"
-
-
-def _reason(expr: ConditionExpr, place: _Context) -> str:
-    """The reason why a condition always holds."""
-    sufficient = [c for c in _guards(place.above) if implies((c,), expr)]
-    if sufficient:
-        return f"the guard above it already requires {condition_text(sufficient[-1])}"
-    text, context = f"{condition_text(expr)} always holds", place.context
-    if implies((*context.vocabulary.always, *_guards(place.above)), expr):
-        return text
-    return f"{text}, {_before(context.at_start, place, lambda facts: implies(facts, expr))}"
-
-
-def _before(
-    conditions: Sequence[ConditionExpr], place: _Context, suffices: Callable[[Conditions], bool]
+def _reasons(
+    holding: Conditions, suffices: Callable[[Conditions], bool], vocabulary: Vocabulary
 ) -> str:
-    """What the branches before a place leave over, as the reason of a warning."""
-    declared = place.context.vocabulary.always
-    known = (*declared, *_guards(place.above))
-    facts = [c for c in conditions if c not in known]
-    facts = [c for c in facts if suffices((*declared, c))][:1] or facts
-    return f"as the branches before it leave only {' and '.join(map(condition_text, facts))}"
-
-
-def _inert(abort: str, place: _Context) -> str:
-    """The reason why an abort rule has no effect."""
-    if abort == "lower":
-        if place.context.when_observed is None:
-            return "no composite has a later branch to stop"
-        return "its condition does not become true while a later branch runs"
-    if ends_at_once(place.node.children[0], place.context):
-        return "its child ends in the tick in which it starts"
-    return "its condition does not become false while its child runs"
-
-
-def _guards(above: Above) -> list[ConditionExpr]:
-    return [node.guard.condition for node, _ in above if node.guard]
+    """The conditions that suffice, as few as possible, as the reason of a warning."""
+    kept = [*holding]
+    for each in holding:
+        rest = [other for other in kept if other is not each]
+        kept = rest if suffices(tuple(rest)) else kept
+    texts = [
+        f"{key} is {'a whole number, ' * (entry.whole and not entry.words)}{entry.meaning}"
+        for key, entry in vocabulary.keys.items()
+        if any(key in keys_of(each) for each in kept if each in vocabulary.always)
+    ]
+    texts += [f"{condition_text(c)} holds here" for c in kept if c not in vocabulary.always]
+    return " and ".join(texts)

@@ -28,6 +28,11 @@ MAX_CASES: Final = 32  # most cases of conditions joined by `or`
 MAX_TERMS: Final = 64  # most comparisons and flags that are analysed together
 
 
+def keys_of(expr: ConditionExpr) -> set[str]:
+    """The keys that a condition reads."""
+    return {key for term in terms(expr) for key in term.keys}
+
+
 def implies(premises: Conditions, expr: ConditionExpr) -> bool:
     """True if `expr` holds on every blackboard on which all of `premises` hold.
 
@@ -94,21 +99,11 @@ def _without_redundant(expr: ConditionExpr, premises: Conditions) -> ConditionEx
 
 def _related(premises: Conditions, expr: ConditionExpr) -> Conditions:
     """The conditions in `premises` that constrain keys of `expr`, directly or indirectly."""
-    keys = {key for term in terms(expr) for key in term.keys}
-    remaining = [(c, {key for term in terms(c) for key in term.keys}) for c in premises]
-    related: list[ConditionExpr] = []
-    grown = True
-    while grown:
-        grown = False
-        unrelated = []
-        for each, its_keys in remaining:
-            if its_keys & keys:
-                related.append(each)
-                grown |= not its_keys <= keys
-                keys |= its_keys
-            else:
-                unrelated.append((each, its_keys))
-        remaining = unrelated
+    keys, related, others = keys_of(expr), list[ConditionExpr](), list(premises)
+    while found := [each for each in others if not keys.isdisjoint(keys_of(each))]:
+        related += found
+        keys = keys.union(*map(keys_of, found))
+        others = [each for each in others if each not in found]
     return tuple(related)
 
 

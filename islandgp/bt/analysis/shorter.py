@@ -11,8 +11,12 @@ from itertools import count
 from math import floor, log10
 from typing import Final, NamedTuple
 
-from islandgp.bt.analysis.context import NodeContext, child_contexts, root_context
-from islandgp.bt.analysis.outcomes import contradictions
+from islandgp.bt.analysis.context import (
+    NodeContext,
+    child_contexts,
+    contradictions,
+    root_context,
+)
 from islandgp.bt.core.condition import Condition, ConditionExpr, combine, terms, with_term
 from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.node import GuardArgs, Node, guard_of, replace_at, size, walk

@@ -17,14 +17,16 @@ from islandgp.bt.analysis.context import (
     child_context,
     child_contexts,
     conditions_when_evaluated,
+    dead_end,
     effective_abort,
+    end_facts,
     has_interrupting_guard,
     may_interrupt,
+    never,
     root_context,
     without_interrupts,
 )
-from islandgp.bt.analysis.outcomes import child_may_end, dead_end, idle
-from islandgp.bt.analysis.satisfiability import Conditions, implies, shortened, without_decimals
+from islandgp.bt.analysis.satisfiability import Conditions, shortened, without_decimals
 from islandgp.bt.core.kind import NodeKind
 from islandgp.bt.core.kinds import KINDS, REPEATS, advance_status, kind_of
 from islandgp.bt.core.node import (
@@ -33,7 +35,6 @@ from islandgp.bt.core.node import (
     CountArgs,
     GuardArgs,
     Node,
-    ParallelArgs,
     count_of,
     guard_of,
 )
@@ -41,6 +42,39 @@ from islandgp.bt.core.printer import condition_text, head
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
 
 Rewrite: TypeAlias = tuple[Node, str] | None  # the simpler node and the reason; None: no change
+
+
+def _child_may_end(node: Node, context: NodeContext, index: int, status: int) -> bool:
+    """True if a child can end with this status; `context` is the parent's."""
+    child = node.children[index]
+    # What a leaf returns does not depend on its place, whose context takes time to make.
+    here = context if child.action else child_context(node, context, index)
+    return end_facts(child, here, status) is not None
+
+
+def _idle(node: Node, context: NodeContext) -> int | None:
+    """The status of a node that always ends in its first tick without effect; None for others.
+
+    Such a node calls no action and stops no other node.
+    """
+    kind = kind_of(node)
+    if not kind.decorates or kind.opaque:
+        return None
+    if node.guard:
+        # If the guarded child never starts, its guards are never observed.
+        if not never(node.guard, context) and _child_idle(node, context) != FAILURE:
+            return None
+        return None if may_interrupt(node.guard, context) else FAILURE
+    end = _child_idle(node, context)
+    if end is None or end == kind.counts or kind.delayed or (kind.may_fail and end != FAILURE):
+        return None
+    return kind.ends[end]
+
+
+def _child_idle(node: Node, context: NodeContext) -> int | None:
+    """`_idle` of the only child; `context` is the parent's."""
+    child = node.children[0]
+    return _idle(child, child_context(node, context, 0)) if kind_of(child).decorates else None
 
 
 def _only_child(node: Node, context: NodeContext) -> Rewrite:
@@ -68,7 +102,7 @@ def _idle_branch(node: Node, context: NodeContext) -> Rewrite:
     busy: list[Node] = []
     idling: list[Node] = []
     for child, here in zip(node.children, child_contexts(node, context), strict=True):
-        (idling if idle(child, here) == advance else busy).append(child)
+        (idling if _idle(child, here) == advance else busy).append(child)
     if not idling or len(node.children) == 1:
         return None
     rest = tuple(busy or idling[-1:])
@@ -91,36 +125,10 @@ def _same_inside(node: Node, context: NodeContext) -> Rewrite:  # noqa: ARG001 -
     return node._replace(children=tuple(children)), f"{node.kind} directly in a {node.kind}"
 
 
-def _same_parallel_inside(node: Node, context: NodeContext) -> Rewrite:  # noqa: ARG001
-    # One success (failure) ends both in the same tick; else all children have to fail (succeed).
-    if node.args not in (ParallelArgs("all", "one"), ParallelArgs("one", "all")):
-        return None
-    for index, child in enumerate(node.children):
-        if child.kind == node.kind and child.args == node.args:
-            children = (*node.children[:index], *child.children, *node.children[index + 1 :])
-            return node._replace(children=children), f"{head(node)} directly in the same"
-    return None
-
-
-def _double_inverter(node: Node, context: NodeContext) -> Rewrite:  # noqa: ARG001
+def double_inverter(node: Node, context: NodeContext) -> Rewrite:  # noqa: ARG001
     child = node.children[0]
-    return (child.children[0], "double inverter") if kind_of(child).inverts else None
-
-
-def _inverted_composite(node: Node, context: NodeContext) -> Rewrite:  # noqa: ARG001
-    # De Morgan: a selector is a sequence with all statuses inverted. Guards are observed through
-    # inverters, so they are not affected.
-    child = node.children[0]
-    if kind_of(child).advance_status is None:
-        return None
-    inverted = sum(kind_of(c).inverts for c in child.children)
-    if len(child.children) - inverted > inverted:
-        return None
-    children = tuple(
-        c.children[0] if kind_of(c).inverts else node._replace(children=(c,))
-        for c in child.children
-    )
-    return Node(kind_of(child).dual, (), children), f"{child.kind} between inverters"
+    undone = "double inverter: the two undo each other"
+    return (child.children[0], undone) if kind_of(child).inverts else None
 
 
 def _repeats_once(node: Node, context: NodeContext) -> Rewrite:
@@ -128,7 +136,7 @@ def _repeats_once(node: Node, context: NodeContext) -> Rewrite:
     if count_of(node) == 1:
         return child, head(node)
     counted = kind_of(node).counts
-    if counted is not None and not child_may_end(node, context, 0, counted):
+    if counted is not None and not _child_may_end(node, context, 0, counted):
         verb = "fails" if counted == FAILURE else "succeeds"
         return child, f"{head(child)} never {verb}, so it is never repeated"
     return None
@@ -152,13 +160,13 @@ def _forced(node: Node, context: NodeContext) -> Rewrite:
     if kind.inverts or kind.forces:
         return node._replace(children=child.children), f"{node.kind} above {child.kind}"
     end = kind_of(node).ends[SUCCESS]
-    if not child_may_end(node, context, 0, 1 - end):
+    if not _child_may_end(node, context, 0, 1 - end):
         verb = "succeeds" if end == SUCCESS else "fails"
         return child, f"{head(child)} {verb} whenever it ends"
     return None
 
 
-def _holds_anyway(node: Node, context: NodeContext) -> Rewrite:
+def holds_anyway(node: Node, context: NodeContext) -> Rewrite:
     # The guard always starts its child, and stops neither its child nor a later branch.
     guard = guard_of(node)
     if not always_holds(guard, context) or may_interrupt(guard, context):
@@ -181,42 +189,25 @@ def _guard_twice(node: Node, context: NodeContext) -> Rewrite:
     return Node(node.kind, args, child.children), f"{head(node)} twice"
 
 
-def _weaker_guard(node: Node, context: NodeContext) -> Rewrite:
-    # The inner condition implies the outer one, so the inner guard alone has the same effect.
-    guard, child = guard_of(node), node.children[0]
-    inner = child.guard
-    if inner is None or may_interrupt(guard, context):
-        return None
-    if may_interrupt(inner, child_context(node, context, 0)):
-        return None
-    if guard.checks_itself and not inner.checks_itself:
-        return None
-    if not implies((*context.always, inner.condition), guard.condition):
-        return None
-    return child, f"{head(node)} is implied by the guard below it"
-
-
-def _shorter_condition(node: Node, context: NodeContext) -> Rewrite:
+def shorter_condition(node: Node, context: NodeContext) -> Rewrite:
     # The two conditions are equal in every tick in which the guard is evaluated.
     guard = guard_of(node)
     condition = shortened(guard.condition, conditions_when_evaluated(guard, context))
     if condition == guard.condition:
         return None
     changed = node._replace(args=guard._replace(condition=condition))
-    return changed, f"the condition of {head(node)} is equivalent to {condition_text(condition)}"
+    return changed, f"{head(node)} is equivalent to a shorter one: {condition_text(condition)}"
 
 
-def _whole_numbers(node: Node, context: NodeContext) -> Rewrite:
+def whole_numbers(node: Node, context: NodeContext) -> Rewrite:
     # No whole number lies between a threshold and the rounded one.
     guard = guard_of(node)
     condition = without_decimals(guard.condition, context.vocabulary)
     if condition == guard.condition:
         return None
     changed = node._replace(args=guard._replace(condition=condition))
-    return (
-        changed,
-        f"{condition_text(guard.condition)} of whole numbers is {condition_text(condition)}",
-    )
+    texts = condition_text(guard.condition), condition_text(condition)
+    return changed, "of whole numbers, {} is {}".format(*texts)
 
 
 def _needless_abort(node: Node, context: NodeContext) -> Rewrite:
@@ -229,33 +220,19 @@ def _needless_abort(node: Node, context: NodeContext) -> Rewrite:
     return changed, f"abort {guard.abort} of {head(node)} has the effect of abort {abort}"
 
 
-_COMPOSITE: Final = (_only_child, _never_gets_there, _idle_branch, _same_inside)
-_PARALLEL: Final = (_only_child, _same_parallel_inside)
-_INVERTER: Final = (_double_inverter, _inverted_composite)
-_REPEATER: Final = (_repeats_once, _double_repeater)
-_GUARD: Final = (
-    _holds_anyway,
-    _guard_twice,
-    _weaker_guard,
-    _shorter_condition,
-    _whole_numbers,
-    _needless_abort,
-)
-
-
 def _rules(kind: NodeKind) -> tuple[Callable[[Node, NodeContext], Rewrite], ...]:
     """The rules for the nodes of a kind, in the order of their application."""
     if kind.advance_status is not None:
-        return _COMPOSITE
+        return (_only_child, _never_gets_there, _idle_branch, _same_inside)
     if kind.args is GuardArgs:
-        return _GUARD
+        return (holds_anyway, _guard_twice, shorter_condition, whole_numbers, _needless_abort)
     if kind.counts is not None:
-        return _REPEATER
+        return (_repeats_once, _double_repeater)
     if kind.forces:
         return (_forced,)
     if kind.inverts:
-        return _INVERTER
-    return _PARALLEL if kind.concurrent else ()
+        return (double_inverter,)
+    return (_only_child,) if kind.concurrent else ()
 
 
 RULES: Final = {name: _rules(kind) for name, kind in KINDS.items()}
