@@ -165,15 +165,6 @@ def _places(node: Node, context: NodeContext, above: Above) -> Iterator[_Context
         yield from _places(child, here, (*above, (node, index)))
 
 
-_ADVICE: Final = {
-    double_inverter: "double-inverter",
-    holds_anyway: "needless-guard",
-    shorter_condition: "long-condition",
-    whole_numbers: "whole-number",
-}
-"""Rules of `simplify` whose reason is a warning, with its code."""
-
-
 def _about(place: _Context, at: int) -> Iterator[tuple[int, str, str]]:
     """Warnings about one node: (place, one of CODES, message)."""
     node, context, _ = place
@@ -181,7 +172,7 @@ def _about(place: _Context, at: int) -> Iterator[tuple[int, str, str]]:
     if kind.advance_status is not None:
         yield from _never_goes_on(node, context, at)
     elif kind.inverts and (rewrite := double_inverter(node, context)):
-        yield at, _ADVICE[double_inverter], rewrite[1]
+        yield at, "double-inverter", rewrite[1]
     elif isinstance(node.args, ParallelArgs):
         for count in node.args:
             if isinstance(count, int | float) and count > len(node.children):
@@ -226,9 +217,9 @@ def _guard(place: _Context, at: int) -> Iterator[tuple[int, str, str]]:
         message = f"this guard is redundant: {condition_text(expr)} always holds{why}"
         yield at, "needless-guard", message
         return
-    for rule in (whole_numbers, shorter_condition):
+    for rule, code in ((whole_numbers, "whole-number"), (shorter_condition, "long-condition")):
         if rewrite := rule(node, context):
-            yield at, _ADVICE[rule], rewrite[1]
+            yield at, code, rewrite[1]
     effects = dict(zip(("self", "lower"), abort_effects(node, context), strict=True))
     if not effects.get(guard.abort, True):
         yield at, "needless-abort", f"abort {guard.abort} has no effect here: {_INERT[guard.abort]}"
