@@ -27,7 +27,7 @@ WORLD, STAGE = 3, 3
 WIDTH, HEIGHT, SHARPNESS = 1600, 950, 1.5
 SECOND = 242.0  # of the picture
 FIRST, LAST, STEP = 200, 260, 1.5  # seconds of the animation's frames
-FRAME_MS, FRAME_WIDTH, COLOURS = 150, 800, 64
+FRAME_MS, FRAME_WIDTH, COLOURS = 150, 800, 256
 
 
 def replay_of(file: Path, target: Path, title: str) -> None:
@@ -56,7 +56,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         by_hand, evolved = Path(folder) / "by_hand.html", Path(folder) / "evolved.html"
         replay_of(ROOT / "grammar" / "examples" / "all_rounder.bt", by_hand, "All-rounder")
-        replay_of(IMAGES / "evolved.bt", evolved, "Evolved from random trees")
+        replay_of(IMAGES / "evolved.bt", evolved, "The best robot of the default run")
         with Browser(program, Path(folder) / "profile", size=(WIDTH, HEIGHT)) as browser:
             size = {"width": WIDTH, "height": HEIGHT, "mobile": False}
             browser.call("Emulation.setDeviceMetricsOverride", deviceScaleFactor=SHARPNESS, **size)
