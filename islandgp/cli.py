@@ -39,7 +39,6 @@ COMMANDS: Final = {
     "diff": CommandInfo("compare two trees", "tree.bt other.bt"),
     "domain": CommandInfo("show what a domain declares, or check its contract", "island --check"),
     "play": CommandInfo("run a tree in worlds of its domain", "tree.bt --seeds 20"),
-    "tune": CommandInfo("find better numbers for a tree", "tree.bt"),
     "trace": CommandInfo("run a tree in one world and show the ticks of each node", "tree.bt"),
     "replay": CommandInfo(
         "write an episode as a page to watch in a browser", "tree.bt -o tree.html"

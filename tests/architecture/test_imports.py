@@ -70,7 +70,6 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     "anthropic": ("supervision.llm.client",),
     "httpx2": ("supervision.llm.client",),
     "xllamacpp": ("supervision.llm.local",),
-    "cmaes": ("search.cma",),
     "scipy": ("statistics", "compare", "intervals"),
     "matplotlib": ("compare",),
     "lark": ("bt",),
@@ -89,7 +88,6 @@ SLOW = (
     "lark",
     "rich",
     "gymnasium",
-    "cmaes",
     "numba",
     "llvmlite",
 )

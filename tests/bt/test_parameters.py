@@ -10,7 +10,6 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from islandgp.bt.analysis.numbers import numbers_of, with_numbers
 from islandgp.bt.core.engine import compile_tree
 from islandgp.bt.core.format import format_text
 from islandgp.bt.core.language import parse, to_text
@@ -21,6 +20,7 @@ from islandgp.bt.export.json import from_json, to_json
 from islandgp.errors import DomainError, TreeError
 from islandgp.gp.random_trees import TreeSettings, TreeSpace, random_tree
 from islandgp.gp.variation import MUTATIONS, MutationSettings, mutate
+from islandgp_numbers.numbers import numbers_of, with_numbers
 from tests.profiles import examples
 
 ARGUMENTS = {

@@ -9,7 +9,6 @@ import pytest
 
 from islandgp import load_tree
 from islandgp.bt.analysis.lint import warnings
-from islandgp.bt.analysis.numbers import numbers_of
 from islandgp.bt.analysis.simplify import simplify
 from islandgp.bt.core.engine import compile_tree
 from islandgp.bt.core.format import format_text
@@ -24,6 +23,7 @@ from islandgp.bt.export.json import from_json, to_json
 from islandgp.bt.export.py_trees import to_python
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import DomainError, TreeError
+from islandgp_numbers.numbers import numbers_of
 from tests.trees.exactness import PLACES, writing
 from tests.trees.targets import ours
 

@@ -12,7 +12,6 @@ from hypothesis import strategies as st
 
 import islandgp
 from islandgp.bt.analysis.lint import warnings
-from islandgp.bt.analysis.numbers import numbers_of, with_numbers
 from islandgp.bt.core.condition import Compound, Condition, ConditionExpr
 from islandgp.bt.core.format import format_text
 from islandgp.bt.core.language import parse, parse_placed, to_text, tree_errors
@@ -24,6 +23,7 @@ from islandgp.bt.export import behaviortree_cpp
 from islandgp.bt.export.import_cpp import read_tree
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import LimitError, TreeError
+from islandgp_numbers.numbers import numbers_of, with_numbers
 from tests.goldens import FOLDER
 from tests.profiles import examples
 from tests.strategies import nodes

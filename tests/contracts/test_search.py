@@ -99,7 +99,7 @@ def run(
     return list(evolve(plan, seed, supervisor, Fake(), search=search, start=start))
 
 
-SEARCHES = [Case(name) for name in (*NAMES, "plans")]
+SEARCHES = [Case(name) for name in (*NAMES, "decision_list", "plans")]
 QUICK = ("compose", "paper", "racing")  # of different families; the others have separate tests
 
 

@@ -44,6 +44,7 @@ hidden = "broken_plugin.conf"
 PLUGINS = sorted(file.parent for file in ROOT.glob("plugins/*/pyproject.toml"))
 TREE = "selector { when batteryLevel < 40 { SeekCharger } PatrolWaypoint }"
 COMMANDS = {
+    "numbers": (("tune", "--help"), 0, "Tune the thresholds of the tree in FILE with CMA-ES"),
     "ray": (("run", "evaluator=ray", "--cfg", "job"), 0, "factory: islandgp_ray.evaluator:Ray"),
     "plans": (("run", "search=plans", "--cfg", "job"), 0, "factory: islandgp_plans.plans:Plans"),
     "editor": (("language-server", "--help"), 0, "Serve an editor over standard input and output"),

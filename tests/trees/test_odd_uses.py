@@ -13,7 +13,6 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "fmt": ("fmt", "@"),
     "check": ("check", "@"),
     "diff": ("diff", "@", "ok.bt"),
-    "tune": ("tune", "@", "--episodes", "200"),
     "export": ("export", "@", "-o", "out.xml"),
     "simplify": ("simplify", "@", "-o", "out.bt"),
 }
@@ -115,9 +114,6 @@ def test_other_encodings_of_lines(islandgp: Cli, folder: Path, command: str, kin
         (["domain", "island", "no.bt"], "'[NAME] [TREE.bt]...': there is no file no.bt"),
         (["check", "--config-dir", "robot's", "ok.bt"], "there is no folder robot's"),
         (["diff", "ok.bt"], "expected NEW, found none"),
-        (["tune", "ok.bt", "--episodes", "nan"], "expected a valid integer, found 'nan'"),
-        (["tune", "ok.bt", "-o", "no/x.bt"], "found: no folder no"),
-        (["tune", "ok.bt", "--seed", "-1"], "expected"),
         (["export", "ok.bt", "-o", "no/x.xml"], "found: no folder no"),
         (["export", "ok.bt", "-o", "."], "expected a File, found the folder ."),
         (["export", "ok.bt", "--to", "pdf"], "expected one of 'json', 'btcpp', 'pytrees'"),

@@ -109,7 +109,7 @@ def test_a_pipe_is_written_as_it_is(tree: Path, islandgp: Cli) -> None:
         ("/proc/x", "No such file or directory"),
     ],
 )
-@pytest.mark.parametrize("command", [["simplify"], ["replay"], ["best"], ["tune"]])
+@pytest.mark.parametrize("command", [["simplify"], ["replay"], ["best"]])
 def test_a_place_that_takes_no_file_is_reported_before_any_work(
     command: list[str],
     output: str,

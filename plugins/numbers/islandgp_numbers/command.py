@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from time import monotonic
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 import click
 
@@ -18,23 +18,23 @@ from islandgp.commands.options import (
     with_stage_option,
 )
 from islandgp.commands.setting import settings_of, stage_index
+from islandgp.config.settings import Settings
 from islandgp.errors import IslandError
 from islandgp.viewer.recording import digits
-
-if TYPE_CHECKING:
-    from islandgp.config.settings import Settings
-    from islandgp.search.numbers import (
-        Evaluate,
-        MeanInterval,
-        NumberComparison,
-        NumberSettings,
-        Tuned,
-    )
+from islandgp_numbers.tuning import (
+    Evaluate,
+    MeanInterval,
+    NumberComparison,
+    NumberSettings,
+    Tuned,
+    thresholds_of,
+    tuned,
+)
 
 MAX_TUNED: Final = 100  # most numbers of a file that are tuned
 
 
-@click.command()
+@click.command(epilog="\b\nExample:\n  islandgp tune tree.bt")
 @click.argument("file", type=FILE)
 @with_output_option
 @click.option(
@@ -70,8 +70,6 @@ def command(
     they are better in worlds that were not used to find them; the tree is printed, or written
     with -o. The comparison and the cost are reported on the standard error. Ctrl-C writes nothing.
     """
-    from islandgp.search.numbers import NumberSettings, thresholds_of, tuned
-
     source = text, name, folder = read_tree_text(file)
     settings = settings_of(source, options)
     index = stage_index(settings, stage)

@@ -12,13 +12,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from islandgp.bt.analysis.numbers import COUNT, EQUAL, numbers_of, with_numbers
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.parameters import one_of, real
 from islandgp.bt.core.parameters import text as text_argument
 from islandgp.bt.core.vocabulary import Action, Vocabulary, enumeration, flag, number
 from islandgp.errors import ConfigError
-from islandgp.search.numbers import NumberSettings, Tuned, thresholds_of, tuned
+from islandgp_numbers.numbers import COUNT, EQUAL, numbers_of, with_numbers
+from islandgp_numbers.tuning import NumberSettings, Tuned, thresholds_of, tuned
 from tests.profiles import examples
 
 MAZE = Vocabulary(

@@ -20,7 +20,16 @@ from typing import Final, TypeAlias
 
 import numpy as np
 
-from islandgp.bt.analysis.numbers import (
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node_builder import MAX_NUMBER
+from islandgp.bt.core.vocabulary import Key, Vocabulary, number
+from islandgp.errors import ConfigError
+from islandgp.gp.branches import fine
+from islandgp.intervals import interval
+from islandgp.scoring.constraints import merit
+from islandgp.seeding import Stream, seed_of
+from islandgp_numbers.cma import Cma
+from islandgp_numbers.numbers import (
     COUNT,
     EQUAL,
     WEIGHT,
@@ -29,15 +38,6 @@ from islandgp.bt.analysis.numbers import (
     numbers_of,
     with_numbers,
 )
-from islandgp.bt.core.language import parse, to_text
-from islandgp.bt.core.node_builder import MAX_NUMBER
-from islandgp.bt.core.vocabulary import Key, Vocabulary, number
-from islandgp.errors import ConfigError
-from islandgp.gp.branches import fine
-from islandgp.intervals import interval
-from islandgp.scoring.constraints import merit
-from islandgp.search.cma import Cma
-from islandgp.seeding import Stream, seed_of
 
 SEARCH: Final = Fraction(4, 5)  # of the episodes; half of the rest is to race, half to compare
 RACING: Final = 8  # most trees in the race, including the written one

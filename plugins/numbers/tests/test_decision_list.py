@@ -17,8 +17,8 @@ from islandgp.bt.core.vocabulary import Action, Vocabulary, flag, number
 from islandgp.gp.population import Origin
 from islandgp.plain import from_json, to_json
 from islandgp.search.base import SearchState
-from islandgp.search.decision_list import Lists, groups_of, orders_of
 from islandgp.seeding import Streams
+from islandgp_numbers.decision_list import Lists, groups_of, orders_of
 from tests.search.searches import NO_ADVICE, evaluated, search_and_plan
 
 VOCABULARY = Vocabulary(

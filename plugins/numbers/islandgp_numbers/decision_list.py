@@ -48,8 +48,8 @@ from islandgp.gp.plan import Plan
 from islandgp.gp.population import Advice, Evaluated, Individual, Origin
 from islandgp.scoring.constraints import Merit
 from islandgp.search.base import SearchContext, SearchState
-from islandgp.search.cma import Cma, Numbers
 from islandgp.seeding import Stream, Streams
+from islandgp_numbers.cma import Cma, Numbers
 
 MAX_MOVES: Final = 8  # most actions of a list; an action with arguments counts with each extreme
 MAX_KEYS: Final = 40  # most keys of a guard
