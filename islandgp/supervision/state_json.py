@@ -8,12 +8,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Collection, Iterable
-from functools import cache
 from typing import Any, Final
 
-import yaml
-
-from islandgp.resources import resource
 from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.state import Crisis, PopulationState
 from islandgp.text import rounded
@@ -28,19 +24,10 @@ OF_STAGES: Final = ("epoch", "stage")
 """Fields of a curriculum of several stages."""
 
 
-@cache
-def words() -> dict[str, Any]:
-    """The texts of `prompts/words.yaml`."""
-    texts: dict[str, Any] = yaml.safe_load(
-        resource("prompts/words.yaml").read_text(encoding="utf-8")
-    )
-    return texts
-
-
 def state_json(
     state: PopulationState, crisis: Crisis, without: Collection[str] = ()
 ) -> dict[str, Any]:
-    """The state as plain JSON values, without some fields; `prompts/words.yaml` describes them."""
+    """The state as plain JSON values, without some fields; `prompts/parts.jinja` describes them."""
     now = state.now
     values: dict[str, Any] = {
         "generation": now.generation,

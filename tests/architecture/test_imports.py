@@ -73,7 +73,7 @@ MAY_IMPORT: dict[str, tuple[str, ...]] = {
     "scipy": ("statistics", "compare", "intervals"),
     "matplotlib": ("compare",),
     "lark": ("bt",),
-    "jinja2": ("compare.report", "viewer.page"),
+    "jinja2": ("compare.report", "supervision.llm.prompts", "viewer.page"),
     "numba": ("domains.island",),
     "llvmlite": ("domains.island.chipmunk",),
 }

@@ -13,10 +13,9 @@ from click.testing import CliRunner
 from islandgp.commands.estimate_command import command
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.resources import resource
-from islandgp.supervision.base import Phase
 from islandgp.supervision.llm.answers import RejectionStage
 from islandgp.supervision.llm.history import EDIT_VALUES, RUN_VALUES
-from islandgp.supervision.llm.prompts import PROMPT_SETS, render
+from islandgp.supervision.llm.prompts import PROMPT_SETS
 from islandgp.supervision.llm.questions import Questions
 from tests.composed import composed
 from tests.llm.demo import demo
@@ -101,18 +100,19 @@ def test_the_names_of_the_record_are_real() -> None:
 
 def variables(text: str) -> set[str]:
     """The names in double braces."""
-    return set(re.findall(r"\{\{#?([\w.]+)\}\}", text))
+    return set(re.findall(r"\{\{ ?([\w.]+) ?\}\}", text))
 
 
 def test_the_variables_of_the_prompts_are_documented() -> None:
     """The table has each variable that can be used, and no others."""
     table = TEXT.partition("| variable | what it is |")[2].partition("\n\n")[0]
-    documented = variables(table) - {"rate.PHASE"} | {f"rate.{phase}" for phase in Phase}
+    assert {"rate.PHASE", "rate.least", "rate.most"} <= variables(table)
+    documented = {name.partition(".")[0] for name in variables(table)}
     values = dict.fromkeys(documented, "")
     for name in PROMPT_SETS:
         adviser = Questions(settings(f"prompts={name}"), context())
         for prompt in adviser.prompts.values():
-            render(prompt, values)
+            prompt.variables(values)
     later = {"generation", "state", "urgency", "progress", "answer", "stage", "error"}
     phase = {"depth", "nodes", "explore", "exploit", "examples"}
     assert documented == {*adviser.values, *later, *RUN_VALUES, *EDIT_VALUES, *phase}

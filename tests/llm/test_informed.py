@@ -13,7 +13,6 @@ import numpy as np
 import pytest
 
 from islandgp.bt.core.language import parse
-from islandgp.errors import SupervisionError
 from islandgp.evaluation.base import Problem
 from islandgp.evaluation.serial import Serial
 from islandgp.evolution.loop import evolve
@@ -24,7 +23,6 @@ from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, Guidance, RunContext, Supervisor
 from islandgp.supervision.llm.episode import describe_episode
 from islandgp.supervision.llm.history import RunHistory, best_rank, most_lacking
-from islandgp.supervision.llm.prompts import Prompt, render
 from islandgp.supervision.llm.questions import Questions
 from tests.composed import composed
 from tests.goldens import check_golden
@@ -222,20 +220,6 @@ def test_the_most_lacking_shows_the_fewest_behaviours() -> None:
         replace(one, id="c", fitness=2, counters=nothing),
     ]
     assert most_lacking(people, CLASSES).id == "c"
-
-
-@pytest.mark.parametrize("text", ["{{#a}}x", "x{{/a}}", "{{#a}}{{#b}}{{/b}}{{/a}}"])
-def test_sections_come_in_pairs(text: str) -> None:
-    """Anything else is refused before a run starts."""
-    with pytest.raises(SupervisionError, match=r"prompts/p.md: expected .* in pairs"):
-        render(Prompt("p", "", text), {"a": "1", "b": "2"})
-
-
-def test_sections_of_nothing_are_left_out() -> None:
-    """A section is there if its value is not empty."""
-    prompt = Prompt("p", "", "a{{#b}} {{b}}!{{/b}}c")
-    assert render(prompt, {"b": "x"})[1] == "a x!c"
-    assert render(prompt, {"b": ""})[1] == "ac"
 
 
 @pytest.mark.slow

@@ -23,9 +23,8 @@ from islandgp.supervision.llm.answers import (
     proposal_model,
 )
 from islandgp.supervision.llm.message import Request
-from islandgp.supervision.llm.prompts import SYNTAX, Prompt, language, load_prompt, render
+from islandgp.supervision.llm.prompts import SYNTAX, Prompt, load_prompt
 from islandgp.supervision.llm.questions import Questions
-from islandgp.supervision.state_json import words
 from tests.goldens import check_golden
 from tests.llm.samples import context, settings, state
 from tests.samples import CLASSES
@@ -108,17 +107,18 @@ def test_every_target_is_in_the_tree_prompts(adviser: Questions) -> None:
         name: f"shows {SCHEMA.counters[counter].meaning}"
         for name, counter in CLASSES.behaviours.items()
     }
-    assert {*meanings, *words()["aims"]} == set(CLASSES.targets)
+    assert {*meanings, "rare", "integration", "exploration"} == set(CLASSES.targets)
     for at in (state(), state(excellent=1)):
         system = adviser.request("tree", at).system
-        for target, meaning in {**meanings, **words()["aims"]}.items():
+        assert all(f"- {target}: " in system for target in CLASSES.targets)
+        for target, meaning in meanings.items():
             assert f"- {target}: {meaning}" in system
         assert all(f'"{field}"' in system for field in proposal_model(CLASSES.targets).model_fields)
 
 
-def test_the_language_is_the_declared_one() -> None:
+def test_the_language_is_the_declared_one(adviser: Questions) -> None:
     """Kinds of nodes, actions, keys, operators and abort rules are those of the declarations."""
-    description = language(VOCABULARY)
+    description = adviser.values["language"]
     for name, kind in KINDS.items():
         assert (f"`: {kind.meaning}\n" in description + "\n") is kind.paper, name
     for table in (VOCABULARY.actions, VOCABULARY.keys):
@@ -170,19 +170,20 @@ def test_a_new_action_reaches_the_prompts() -> None:
 
 
 def test_a_missing_variable_is_named() -> None:
-    """The error names the variable, the file, the line, and the nearest variable."""
-    prompt = Prompt("mine", "a\nb {{langage}} c", "u")
-    with pytest.raises(SupervisionError) as excinfo:
-        render(prompt, {"language": "x", "state": "y"})
-    assert str(excinfo.value) == (
-        "prompts/mine.md: expected a known variable, found {{langage}} in 'b {{langage}} c';"
-        " did you mean language?"
-    )
+    """The error names the variable, the file, and the nearest variable."""
+    known = {"language": "x", "state": "y"}
+    for text, found in (
+        ("a\nb {{langage}} c", "a known variable, found langage; did you mean language?"),
+        ("{% if state %}", "a Jinja template that can be filled in, found line 1: "),
+    ):
+        with pytest.raises(SupervisionError) as excinfo:
+            Prompt("mine", text, "u").variables(known)
+        assert str(excinfo.value).startswith(f"prompts/mine.md: expected {found}")
 
 
 def test_values_are_not_filled_in_again() -> None:
     """A value that looks like a variable stays as it is."""
-    assert render(Prompt("p", "", "{{ a }}"), {"a": "{{b}}"}) == ("", "{{b}}")
+    assert Prompt("p", "", "{{ a }}").render({"a": "{{b}}"}) == ("", "{{b}}")
 
 
 def test_a_user_s_prompts(tmp_path: Path) -> None:

@@ -42,7 +42,6 @@ from islandgp.supervision.llm.prompts import (
     examples,
     fixed_values,
     load_prompt,
-    render,
     stages_differ_by,
 )
 from islandgp.supervision.llm.settings import LLMSettings
@@ -82,8 +81,8 @@ class Questions:
         self._without = (*rates, *(() if stages_differ_by(context) else OF_STAGES))
         self.values = {
             **fixed_values(context),
-            **settings.rate_values,
-            "informed": "informed" * self.informed,
+            "rate": settings.rate_words,
+            "informed": self.informed,
         }
         self.history = RunHistory()
         self._library = context.library()
@@ -104,7 +103,8 @@ class Questions:
         names = ("generation", "state", "urgency", "progress", "answer", "stage", "error")
         blank = dict.fromkeys((*names, *RUN_VALUES, *EDIT_VALUES), "")
         values = {**self.values, **self._of_phase(exploit=False), **blank}
-        texts = {name: render(prompt, values) for name, prompt in self.prompts.items()}
+        self.variables = {n: prompt.variables(values) for n, prompt in self.prompts.items()}
+        texts = {name: prompt.render(values) for name, prompt in self.prompts.items()}
         return {
             part: Request(
                 self.settings.model_name,
@@ -138,7 +138,7 @@ class Questions:
             "answer": form(shape),
             **self._run_values(part, state)[0],
         }
-        system, user = render(self.prompts[PROMPTS[part]], values)
+        system, user = self.prompts[PROMPTS[part]].render(values)
         return Request(
             model=settings.model_name,
             system=system,
@@ -212,7 +212,7 @@ class Questions:
     def repair(self, rejection: Rejection) -> str:
         """The text of the turn that quotes the error of a rejected answer."""
         values = {"stage": rejection.stage.value, "error": rejection.error}
-        return render(self.prompts["repair"], {**self.values, **values})[1]
+        return self.prompts["repair"].render({**self.values, **values})[1]
 
     def episodes(self, state: PopulationState) -> int:
         """Episodes simulated for the prompts of a generation."""
@@ -224,8 +224,8 @@ class Questions:
             self._last = (state, {})
         of_parts = self._last[1]
         if part not in of_parts:
-            names = set(self.prompts[PROMPTS[part]].variables) if self.informed else set()
-            names -= set() if self.traced else {"traces"}
+            names = self.variables[PROMPTS[part]] if self.informed else set()
+            names = names if self.traced else names - {"traces"}
             values, episodes = run_values(self.context, state, self.history, names)
             if part == "edits":
                 parents, traced = self.settings.parents, self.traced

@@ -250,11 +250,11 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
         return self.prices.aliases.get(self.model, self.model)
 
     @property
-    def rate_values(self) -> dict[str, str]:
-        """Table 8 as values for prompts."""
-        ranges = {f"rate.{p}": f"{low:.2f} to {high:.2f}" for p, (low, high) in self.phases.items()}
+    def rate_words(self) -> dict[str, str]:
+        """Table 8 as values for prompts, by phase, and the limits."""
+        ranges = {p.value: f"{low:.2f} to {high:.2f}" for p, (low, high) in self.phases.items()}
         least, most = self.rates
-        return {**ranges, "rate.least": f"{least:g}", "rate.most": f"{most:g}"}
+        return {**ranges, "least": f"{least:g}", "most": f"{most:g}"}
 
     @property
     def sends_grammar(self) -> bool:
