@@ -120,7 +120,6 @@ def test_wrong_arguments(text: str, message: str) -> None:
         (whole("", 0, 3, default=inf), "a finite number as default"),
         (switch("", default=1), "a default of no | yes"),
         (one_of("", (1, 2)), "a valid string as words.0"),
-        (one_of("", ()), "at least one word"),
         (one_of("", ("a-b",)), "letters, digits and _"),
         (one_of("", ("a", "a")), "at least one word, each once"),
         (3, "an instance of Parameter"),

@@ -194,7 +194,7 @@ def test_a_key_of_another_type_is_no_argument(value: str, message: str) -> None:
 )
 def test_wrong_initial_values(wrong: Key) -> None:
     """A key begins with a value that it can have."""
-    with pytest.raises(DomainError, match="as initial of the key k"):
+    with pytest.raises(DomainError, match="as initial for the key k"):
         Vocabulary("d", {}, {"k": wrong})
 
 
@@ -210,7 +210,7 @@ def test_arguments_of_keys_in_other_tools() -> None:
 
 def test_only_written_keys_are_results() -> None:
     """An action cannot set a key of the domain."""
-    with pytest.raises(DomainError, match="keys with an initial value as sets of the action A"):
+    with pytest.raises(DomainError, match="keys with an initial value as `sets` for the action A"):
         Vocabulary("d", {"A": Action("", sets=("near",))}, {"near": flag("")})
 
 

@@ -210,9 +210,9 @@ DECLARATIONS = [
     ("0, 3, most=9)", '"0", 3, most=9)',
      "Expected a finite number as low of the key blocks_left of the domain pick_place, found '0'"),
     (TUCKS, 'Action("tucks the arm", statuses=frozenset({"DONE"}))',
-     "Expected FAILURE, SUCCESS or RUNNING, found 'DONE' as statuses of the action Tuck of the"),
+     "Expected statuses among FAILURE, SUCCESS and RUNNING as statuses of the action Tuck of the"),
     (TUCKS, 'Action("tucks the arm", changes={"armtucked": 1})',
-     "Expected keys of the vocabulary in the conditions and changes of the action Tuck of the"
+     "Expected keys of the vocabulary in its conditions and changes for the action Tuck of the"
      " domain pick_place, found 'armtucked'"),
     ('habits=("Check what has been reached before acting.", "Tuck the arm before driving.")',
      'habits="Check what has been reached before acting."',

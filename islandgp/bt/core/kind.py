@@ -64,9 +64,9 @@ class NodeKind:
     """A kind of node: its arguments, children and appearance, and the rules for its status."""
 
     meaning: str  # one line, for documentation
-    children: tuple[int, int]  # fewest and most
     look: Look
     tick: Maker
+    children: tuple[int, int] = (1, 1)  # fewest and most
     args: type[Any] = tuple  # the class of Node.args
     arguments: tuple[Argument, ...] = ()  # the fields of args, in order
 
@@ -106,7 +106,7 @@ class NodeKind:
     ours: Target | None = None
     """Our own node for these libraries, for trees in which theirs differs."""
 
-    paper: bool = True
+    paper: bool = False
     """One of the paper's node types, section 2.2.3; prompts describe these."""
 
     @property

@@ -57,6 +57,7 @@ def _in_ticks(tag: str) -> Target:
 
 KINDS: Final[dict[str, NodeKind]] = {
     "selector": NodeKind(
+        paper=True,
         meaning="tries its children in order until one succeeds",
         children=(1, UNLIMITED),
         tick=closures.ordered(FAILURE),
@@ -72,6 +73,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         ),
     ),
     "sequence": NodeKind(
+        paper=True,
         meaning="runs its children in order until one fails",
         children=(1, UNLIMITED),
         tick=closures.ordered(SUCCESS),
@@ -87,6 +89,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         ),
     ),
     "parallel": NodeKind(
+        paper=True,
         meaning="runs all its children at once",
         children=(1, UNLIMITED),
         args=ParallelArgs,
@@ -110,16 +113,16 @@ KINDS: Final[dict[str, NodeKind]] = {
         ),
     ),
     "inverter": NodeKind(
+        paper=True,
         meaning="turns success into failure and failure into success",
-        children=(1, 1),
         tick=closures.inverter,
         look=Look("\N{NOT SIGN}", "red", "#fbe3d6", "#d55e00"),
         ends=(SUCCESS, FAILURE),
         stock=Target("Inverter", (), "Inverter('inverter', child="),
     ),
     "repeater": NodeKind(
+        paper=True,
         meaning="repeats its child until it has succeeded a number of times",
-        children=(1, 1),
         args=CountArgs,
         arguments=(Argument("count", Sort.COUNT, "successes of the child", range=COUNTS),),
         tick=closures.repeating(SUCCESS),
@@ -130,13 +133,11 @@ KINDS: Final[dict[str, NodeKind]] = {
     ),
     "retry": NodeKind(
         meaning="repeats its child until it succeeds, or has failed a number of times",
-        children=(1, 1),
         args=CountArgs,
         arguments=(Argument("count", Sort.COUNT, "failures of the child", range=COUNTS),),
         tick=closures.repeating(FAILURE),
         look=Look("\N{ANTICLOCKWISE OPEN CIRCLE ARROW}", "magenta", "#f7e3f0", "#a23f7e"),
         counts=FAILURE,
-        paper=False,
         stock=Target(
             "RetryUntilSuccessful",
             ("num_attempts",),
@@ -146,20 +147,16 @@ KINDS: Final[dict[str, NodeKind]] = {
     ),
     "force_success": NodeKind(
         meaning="turns failure into success",
-        children=(1, 1),
         tick=closures.forced(SUCCESS),
         look=Look("\N{CHECK MARK}", "green", "#e3f3df", "#3f7f2f"),
         ends=(SUCCESS, SUCCESS),
-        paper=False,
         stock=Target("ForceSuccess", (), "FailureIsSuccess('force_success', child="),
     ),
     "force_failure": NodeKind(
         meaning="turns success into failure",
-        children=(1, 1),
         tick=closures.forced(FAILURE),
         look=Look("\N{BALLOT X}", "red", "#fbe0e0", "#b02f2f"),
         ends=(FAILURE, FAILURE),
-        paper=False,
         stock=Target("ForceFailure", (), "SuccessIsFailure('force_failure', child="),
     ),
     "reactive_selector": NodeKind(
@@ -170,7 +167,6 @@ KINDS: Final[dict[str, NodeKind]] = {
         advance_status=FAILURE,
         dual="reactive_sequence",
         reactive=True,
-        paper=False,
         stock=Target("ReactiveFallback", (), "Selector('selector', memory=False, children=["),
     ),
     "reactive_sequence": NodeKind(
@@ -183,42 +179,35 @@ KINDS: Final[dict[str, NodeKind]] = {
         advance_status=SUCCESS,
         dual="reactive_selector",
         reactive=True,
-        paper=False,
         stock=Target("ReactiveSequence", (), "Sequence('sequence', memory=False, children=["),
     ),
     "wait": NodeKind(
         meaning="waits for a number of seconds, then runs its child",
-        children=(1, 1),
         args=SecondsArgs,
         arguments=(Argument("seconds", Sort.SECONDS, "before its child starts", range=SECONDS),),
         tick=closures.wait,
         look=Look("\N{HOURGLASS}", "magenta", "#efe3f5", "#7f4fa3"),
         delayed=True,
-        paper=False,
         stock=Target("Delay", ("delay_msec",)),
         ours=_in_ticks("WaitTicks"),
     ),
     "timeout": NodeKind(
         meaning="fails when its child has run for a number of seconds",
-        children=(1, 1),
         args=SecondsArgs,
         arguments=(Argument("seconds", Sort.SECONDS, "of its child at most", range=SECONDS),),
         tick=closures.timeout,
         look=Look("\N{STOPWATCH}", "red", "#fbe0e0", "#b02f2f"),
         may_fail=True,
-        paper=False,
         stock=Target("Timeout", ("msec",)),
         ours=_in_ticks("TimeoutTicks"),
     ),
     "cooldown": NodeKind(
         meaning="fails for a number of seconds after its child has ended",
-        children=(1, 1),
         args=SecondsArgs,
         arguments=(Argument("seconds", Sort.SECONDS, "after an end of its child", range=SECONDS),),
         tick=closures.cooldown,
         look=Look("\N{SNOWFLAKE}", "cyan", "#e0eefb", "#2f6fb0"),
         may_fail=True,
-        paper=False,
         ours=Target("", (), "CooldownTicks({seconds}, step_s, child=", "Decorator"),
     ),
     "pipeline": NodeKind(
@@ -228,7 +217,6 @@ KINDS: Final[dict[str, NodeKind]] = {
         tick=nav2_closures.pipeline,
         look=Look("\N{RIGHTWARDS TWO HEADED ARROW}", "bold blue", "#dfe6f7", "#3f5fa8"),
         opaque=True,
-        paper=False,
         stock=Target("PipelineSequence"),
     ),
     "round_robin": NodeKind(
@@ -239,7 +227,6 @@ KINDS: Final[dict[str, NodeKind]] = {
         look=Look("\N{ANTICLOCKWISE GAPPED CIRCLE ARROW}", "bold cyan", "#d7ecfa", "#0072b2"),
         opaque=True,
         remembers_end=True,
-        paper=False,
         stock=Target("RoundRobin", ("wrap_around",)),
     ),
     "recovery": NodeKind(
@@ -251,41 +238,34 @@ KINDS: Final[dict[str, NodeKind]] = {
         tick=nav2_closures.recovery,
         look=Look("\N{LEFTWARDS ARROW WITH HOOK}", "magenta", "#f7e3f0", "#a23f7e"),
         opaque=True,
-        paper=False,
         stock=Target("RecoveryNode", ("number_of_retries",)),
     ),
     "until_failure": NodeKind(
         meaning="repeats its child until it fails",
-        children=(1, 1),
         tick=closures.repeating(SUCCESS),
         look=Look("\N{INFINITY}", "magenta", "#efe3f5", "#7f4fa3"),
         counts=SUCCESS,
-        paper=False,
         stock=Target("KeepRunningUntilFailure", (), "SuccessIsRunning('until_failure', child="),
     ),
     "until_success": NodeKind(
         meaning="repeats its child until it succeeds",
-        children=(1, 1),
         tick=closures.repeating(FAILURE),
         look=Look("\N{INFINITY}", "magenta", "#f7e3f0", "#a23f7e"),
         counts=FAILURE,
-        paper=False,
     ),
     "every": NodeKind(
         meaning="starts its child again no earlier than a number of seconds after its success,"
         " as Nav2's RateController",
-        children=(1, 1),
         args=SecondsArgs,
         arguments=(Argument("seconds", Sort.SECONDS, "after a success", range=SECONDS),),
         tick=nav2_closures.every,
         look=Look("\N{WATCH}", "magenta", "#efe3f5", "#7f4fa3"),
         opaque=True,
-        paper=False,
         stock=Target("RateController", ("hz",)),
     ),
     "when": NodeKind(
+        paper=True,
         meaning="runs its child while a condition holds",
-        children=(1, 1),
         args=GuardArgs,
         arguments=(
             Argument("condition", Sort.CONDITION),
@@ -307,7 +287,6 @@ KINDS: Final[dict[str, NodeKind]] = {
         tick=closures.always,
         look=Look("\N{BULLET}", "green", "#e3f3df", "#3f7f2f", "round"),
         statuses=lambda args: frozenset({args.ends}),
-        paper=False,
     ),
     "set": NodeKind(
         meaning="writes a key of the blackboard and succeeds; a tree reads the value at once",
@@ -317,10 +296,10 @@ KINDS: Final[dict[str, NodeKind]] = {
         tick=closures.assign,
         look=Look("\N{COLON EQUALS}", "green", "#e3f3df", "#3f7f2f", "round"),
         statuses=lambda _: frozenset({SUCCESS}),
-        paper=False,
         stock=Target("Script", ("code",), "SetKey({assignment}"),
     ),
     "action": NodeKind(
+        paper=True,
         meaning="acts on the world",
         children=(0, 0),
         args=ActionArgs,
@@ -353,13 +332,6 @@ COUNTED: Final = tuple(n for n, k in KINDS.items() if k.args is CountArgs)
 
 TIMED: Final = tuple(n for n, k in KINDS.items() if k.args is SecondsArgs)
 """The kinds whose keyword is followed by a number of seconds."""
-
-GUARDS: Final = tuple(n for n, k in KINDS.items() if k.args is GuardArgs)
-"""The kinds whose keyword is followed by a condition."""
-
-
-SETTERS: Final = tuple(n for n, k in KINDS.items() if k.args is SetArgs)
-"""The kinds whose keyword is followed by an assignment."""
 
 TARGETS: Final = {
     target.tag: (name, target)

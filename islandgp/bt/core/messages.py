@@ -9,7 +9,7 @@ from textwrap import shorten
 from typing import TYPE_CHECKING, Final
 
 from islandgp.bt.core.condition import OPERATORS
-from islandgp.bt.core.kinds import KEYWORDS, KINDS, SETTERS
+from islandgp.bt.core.kinds import KEYWORDS, KINDS
 from islandgp.bt.core.parameters import Parameter, value_range
 from islandgp.bt.core.source import Source, Word, closest, shown
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Key, Vocabulary
@@ -306,7 +306,7 @@ def _expected(
             return "a number, or the name of a constant or parameter", ()
         return "a number, a key, a word, a text in quotes, an action or a `use`", ()
     if "NAME" in accepted:
-        if "NOT" in accepted or previous in SETTERS:
+        if "NOT" in accepted or previous == "set":
             keys = [*vocabulary.keys]
             return f"a key: {', '.join(keys)}{', not or (' * ('NOT' in accepted)}", keys
         named = {"use": "subtree"}.get(previous, previous)

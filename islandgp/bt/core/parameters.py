@@ -10,7 +10,6 @@ A tree has e.g. `MoveTo(goal: door, speed: 0.8)`. Arguments that are left out ha
 
 from __future__ import annotations
 
-import json
 import re
 from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
@@ -20,6 +19,8 @@ from math import isfinite, sqrt
 from typing import Annotated, Any, ClassVar, Final, Literal, TypeAlias
 
 from pydantic import (
+    AfterValidator,
+    BeforeValidator,
     ConfigDict,
     PlainSerializer,
     PlainValidator,
@@ -28,7 +29,7 @@ from pydantic import (
     ValidationError,
 )
 
-from islandgp.bt.core.kinds import NAME
+from islandgp.bt.core.kinds import NAME, RESERVED
 from islandgp.bt.core.node import ActionArgs, Node, Value
 from islandgp.errors import DomainError
 
@@ -39,6 +40,12 @@ MAX_MAGNITUDE: Final = 1_000_000  # magnitude of a number
 SMALLEST_STEP: Final = 1e-9  # smallest step of random numbers
 
 
+def expect(holds: object, expected: str, found: object) -> None:
+    """Raises ValueError unless a declaration holds what is expected."""
+    if not holds:
+        raise ValueError(f"expected {expected}, found {found}")
+
+
 def _finite(value: Any) -> Any:
     with suppress(TypeError, OverflowError):
         if not isinstance(value, bool | str) and isfinite(value):
@@ -46,8 +53,22 @@ def _finite(value: Any) -> Any:
     raise ValueError("expected a finite number")
 
 
+def _identifier(word: str) -> str:
+    expect(NAME.fullmatch(word), "names and words of letters, digits and _", f"{word!r}; rename it")
+    return word
+
+
+def _name(word: str) -> str:
+    is_free = NAME.fullmatch(word) and word not in RESERVED
+    expected = "a name of letters, digits and _ that is not a keyword of the language"
+    expect(is_free, expected, f"{word!r}; rename it")
+    return word
+
+
 Number: TypeAlias = Annotated[float, PlainValidator(_finite), PlainSerializer(lambda n: n)]
 Flag: TypeAlias = Annotated[bool, Strict()]
+Identifier: TypeAlias = Annotated[str, AfterValidator(_identifier)]
+Name: TypeAlias = Annotated[str, AfterValidator(_name)]
 CHECKED: Final = ConfigDict(extra="forbid", revalidate_instances="always")
 """How `validated` reads the fields of a declaration."""
 
@@ -65,7 +86,7 @@ class Parameter:
     high: Number = 1.0
     step: Number | None = None  # random numbers are `low` plus a multiple of it; None: any number
     logarithmic: Flag = False  # True: random numbers are log-uniform
-    words: tuple[str, ...] = ()  # of a word or a flag
+    words: tuple[Identifier, ...] = ()  # of a word or a flag
     unit: str = ""
 
     @property
@@ -109,17 +130,14 @@ def whole(
 
 def one_of(meaning: str, words: Collection[str], default: str | None = None) -> Parameter:
     """One of a few words; its default is the first if none is given."""
-    listed = word_list(words, meaning)
-    first = listed[0] if listed else ""
-    return Parameter(meaning, "word", first if default is None else default, words=listed)
+    listed = listed_words(words)
+    return Parameter(meaning, "word", listed[0] if default is None else default, words=listed)
 
 
-def word_list(words: Collection[str], meaning: str) -> tuple[str, ...]:
-    """The words of a declaration as a tuple. Raises DomainError for a text or another object."""
-    if isinstance(words, str) or not isinstance(words, Collection):
-        raise DomainError(
-            f"Expected a list of words, as in ['dock', 'door'], for {meaning!r}, found {words!r}."
-        )
+def listed_words(words: Collection[str]) -> tuple[str, ...]:
+    """The declared words as a tuple. Raises DomainError if there is none, or for a text."""
+    if isinstance(words, str) or not isinstance(words, Collection) or not words:
+        raise DomainError(f"Expected a list of words, as in ['dock', 'door'], found {words!r}.")
     return (*words,)
 
 
@@ -202,97 +220,76 @@ def argument_values(args: ActionArgs, parameters: Mapping[str, Parameter]) -> di
 
 def bound(args: ActionArgs, parameters: Mapping[str, Parameter]) -> dict[str, Value | bool]:
     """`argument_values` for the leaf's code: a flag is True or False, a whole number an int."""
-    return {
-        key: value
-        if referenced(value)
-        else value == NO_YES[1]
-        if parameters[key].sort == "flag"
-        else _number(value, parameters[key])
-        for key, value in argument_values(args, parameters).items()
-    }
+    types = {"flag": NO_YES.index, "integer": int}
+
+    def typed(name: str, value: Value) -> Value | bool:
+        convert: Any = types.get(parameters[name].sort)
+        if convert is None or referenced(value):
+            return value
+        return bool(convert(value)) if parameters[name].sort == "flag" else convert(value)
+
+    return {name: typed(name, value) for name, value in argument_values(args, parameters).items()}
 
 
-def _number(value: Value, parameter: Parameter) -> Value:
-    return int(value) if parameter.sort == "integer" else value
-
-
-def check_parameters(parameters: Mapping[str, Parameter], where: str) -> None:
-    """Raises DomainError for an invalid declaration of a parameter.
-
-    Args:
-        parameters: by name.
-        where: the action, for messages.
-    """
-    for name, each in parameters.items():
-        at = f"the argument {name} of {where}"
-        for word in (name, *each.words):
-            if not isinstance(word, str) or not NAME.fullmatch(word):
-                raise DomainError(
-                    f"Expected names and words of letters, digits and _ for {at}, found {word!r};"
-                    " rename it."
-                )
-        if (each.sort == "flag") != (each.words == NO_YES and each.sort != "word"):
-            raise DomainError(f"Expected no and yes as the words of a flag, for {at}; use switch.")
-        if each.sort == "word" and len(set(each.words)) < max(1, len(each.words)):
-            raise DomainError(
-                f"Expected at least one word, each once, for {at}, found {[*each.words]}."
-            )
-        if each.numeric:
-            whole = (each.low, each.high) if each.sort == "integer" else ()
-            check_range(each, at, whole, above_0=each.logarithmic)
-        if not fits(each, each.default):
-            raise DomainError(
-                f"Expected a default of {value_range(each)} for {at}, found {each.default!r}."
-            )
-
-
-def check_range(entry: Any, where: str, whole: Iterable[float] = (), *, above_0: bool) -> None:
-    """Raises DomainError for an empty or too large range of a parameter or a key.
+def check_range(entry: Any, whole: Iterable[float], *, above_0: bool = False) -> None:
+    """Raises ValueError for an empty or too large range of a parameter or a key.
 
     Args:
         entry: with low, high and step.
-        where: its name in messages.
         whole: numbers that have no decimals.
         above_0: True if all values are above 0.
     """
     low, high, step = entry.low, entry.high, entry.step
-    if not -MAX_MAGNITUDE <= low < high <= MAX_MAGNITUDE or (above_0 and low <= 0):
-        raise DomainError(
-            f"Expected low < high{' above 0' * above_0}, both from -{MAX_MAGNITUDE:,} to"
-            f" {MAX_MAGNITUDE:,}, for {where}, found {low:g}, {high:g}."
-        )
-    if step is not None and not SMALLEST_STEP <= step <= high - low:
-        raise DomainError(
-            f"Expected a step from {SMALLEST_STEP:g} to high - low for {where}, found {step:g}."
-        )
-    if wrong := [number for number in whole if number % 1]:
-        raise DomainError(
-            f"Expected whole numbers as low, high, step and most of {where}, found {wrong[0]!r}."
-        )
+    expect(
+        -MAX_MAGNITUDE <= low < high <= MAX_MAGNITUDE and not (above_0 and low <= 0),
+        f"low < high{' above 0' * above_0}, both from -{MAX_MAGNITUDE:,} to {MAX_MAGNITUDE:,}",
+        f"{low:g}, {high:g}",
+    )
+    is_step = step is None or SMALLEST_STEP <= step <= high - low
+    expect(is_step, f"a step from {SMALLEST_STEP:g} to high - low", step)
+    expect(not any(n % 1 for n in whole), "whole numbers as low, high, step and most", [*whole])
 
 
-def from_declaration(declaration: object) -> object:
+def _checked(each: Parameter) -> Parameter:
+    """Raises ValueError for a parameter whose fields contradict each other."""
+    is_flag = each.sort == "flag"
+    is_switch = not is_flag or each.words == NO_YES
+    expect(is_switch, "no and yes as the words of a flag (use switch)", [*each.words])
+    is_choice = each.sort != "word" or (each.words and len({*each.words}) == len(each.words))
+    expect(is_choice, "at least one word, each once", [*each.words])
+    if each.numeric:
+        whole = (each.low, each.high) if each.sort == "integer" else ()
+        check_range(each, whole, above_0=each.logarithmic)
+    expect(fits(each, each.default), f"a default of {value_range(each)}", repr(each.default))
+    return each
+
+
+def _from_declaration(declaration: object) -> object:
     """The fields of a `Parameter` from those in a file: a flag may be true or false."""
     if not isinstance(declaration, Mapping):
         return declaration
     fields = {"meaning": "", **declaration}
     if fields.get("sort") == "flag":
-        fields = {"words": NO_YES, **fields}
-        default = fields.get("default", NO_YES[0])
-        fields["default"] = NO_YES[default] if isinstance(default, bool) else default
-        if fields["default"] not in NO_YES:
-            found = json.dumps(default)
-            raise ValueError(f"expected no | yes as the default of a flag, found {found}")
+        default = fields.get("default", False)
+        default = NO_YES[default] if isinstance(default, bool) else default
+        fields = {"words": NO_YES, **fields, "default": default}
     return fields
 
 
-def validated(kind: Any, value: Any, where: str) -> Any:
+Arguments: TypeAlias = Mapping[
+    Identifier,
+    Annotated[Parameter, BeforeValidator(_from_declaration), AfterValidator(_checked)],
+]
+
+
+def validated(kind: Any, value: Any, where: str, context: Any = None) -> Any:
     """Validate declarations with their annotations.
 
     Args:
         kind: a type.
         value: of this type.
         where: its name in messages; if it has {}, of the entry of a mapping.
+        context: for the validators of the type.
 
     Returns:
         The value; lists as tuples, and mappings of fields as objects.
@@ -301,16 +298,19 @@ def validated(kind: Any, value: Any, where: str) -> Any:
         DomainError: a part of the value has another type.
     """
     try:
-        return adapter(kind).validate_python(value)
+        return adapter(kind).validate_python(value, context=context)
     except ValidationError as error:
-        at, expected, found = first_fault(error)
+        at, message, value = first_fault(error)
         if "{}" in where:
             where = where.format(at.pop(0) if at else "NAME")
-        if at[:1] == ["arguments"]:
+        if at[:1] == ["arguments"] and at[1:]:
             where, at = f"the argument {at[1]} of {where}", at[2:]
-        expected = re.sub("^(expected|input should be) ", "", expected)
+        expected, _, found = re.sub("^(expected|input should be) ", "", message).partition(
+            ", found "
+        )
         field = f"as {'.'.join(at)} of" if at else "for"
-        raise DomainError(f"Expected {expected} {field} {where}, found {found!r:.60}.") from None
+        found = found or f"{value!r:.60}"
+        raise DomainError(f"Expected {expected} {field} {where}, found {found}.") from None
 
 
 def first_fault(error: ValidationError) -> tuple[list[str], str, Any]:

@@ -10,10 +10,18 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import inf
-from typing import Annotated, Any, ClassVar, Final, TypeAlias
+from typing import Annotated, Any, ClassVar, Final, Literal, TypeAlias
 
-from pydantic import BeforeValidator, PlainSerializer, PlainValidator, Strict
+from pydantic import (
+    AfterValidator,
+    BeforeValidator,
+    PlainSerializer,
+    PlainValidator,
+    Strict,
+    ValidationInfo,
+)
 
+from islandgp.bt.core.arithmetic import Named
 from islandgp.bt.core.condition import FLAG_OPERATORS, OPERATORS, WHOLE
 from islandgp.bt.core.condition import Condition as Condition  # for those who declare actions
 from islandgp.bt.core.kinds import NAME as NAME
@@ -22,17 +30,17 @@ from islandgp.bt.core.node import FAILURE, RUNNING, STATUS_NAMES, SUCCESS, Node,
 from islandgp.bt.core.parameters import (
     CHECKED,
     NO_YES,
+    Arguments,
     Flag,
+    Name,
     Number,
     Parameter,
-    check_parameters,
     check_range,
-    from_declaration,
+    expect,
     leaf_of,
+    listed_words,
     validated,
-    word_list,
 )
-from islandgp.bt.core.printer import Named
 from islandgp.errors import DomainError
 
 STATUSES: Final = frozenset({FAILURE, SUCCESS, RUNNING})
@@ -43,39 +51,25 @@ EQUALITY: Final = ("==", "!=")
 
 def _statuses(declared: Any) -> Any:
     """Statuses from their names."""
-    if isinstance(declared, Collection) and not isinstance(declared, str):
-        if unknown := [s for s in declared if s not in STATUS_NAMES and s not in STATUSES]:
-            raise ValueError(f"expected FAILURE, SUCCESS or RUNNING, found {unknown[0]!r}")
-        return [STATUS_NAMES.index(s) if s in STATUS_NAMES else s for s in declared]
-    return declared
+    if isinstance(declared, str) or not isinstance(declared, Collection):
+        return declared
+    numbers = [STATUS_NAMES.index(s) if s in STATUS_NAMES else s for s in declared]
+    is_known = numbers and STATUSES.issuperset(numbers)
+    expect(is_known, "statuses among FAILURE, SUCCESS and RUNNING", [*declared])
+    return numbers
 
 
 def _condition(declared: Any) -> Condition:
     """A condition from a list of a key, an operator and a right side: a number, word or key."""
     if isinstance(declared, Condition):
         return declared
-    if not isinstance(declared, list | tuple) or len(declared) != 3:
-        raise ValueError("expected a key, an operator, and a number, word or key")
+    is_triple = isinstance(declared, list | tuple) and len(declared) == 3
+    expect(is_triple, "a key, an operator, and a number, word or key", declared)
     key, operator, right = declared
-    if operator not in (*OPERATORS, *FLAG_OPERATORS):
-        raise ValueError(f"expected one of {', '.join((*OPERATORS, *FLAG_OPERATORS))}")
+    operators = (*OPERATORS, *FLAG_OPERATORS)
+    expect(operator in operators, f"one of {', '.join(operators)}", repr(operator))
     is_word = isinstance(right, str)
     return Condition(key, operator, 0.0 if is_word else float(right), right if is_word else "")
-
-
-def _key(declared: Any) -> Any:
-    """The fields of a `Key` from those in a file; one with a range is a number by default."""
-    if not isinstance(declared, dict):
-        return declared
-    if declared.get("words") or {"words", "flag"} & declared.keys() == {"words"}:
-        last = len(word_list(declared["words"], "a key")) - 1
-        if last < 0:
-            raise ValueError("expected at least one word, found none")
-        return {**declared, "flag": False, "whole": True, "high": last, "most": last}
-    fields = {"flag": not declared.keys() & {"low", "high", "step", "most", "whole"}, **declared}
-    if isinstance(fields.get("initial"), bool):
-        fields["initial"] = NO_YES[fields["initial"]]
-    return fields
 
 
 Statuses: TypeAlias = Annotated[
@@ -110,18 +104,16 @@ class Action:
     to_start: Conditions = ()  # it fails in its first tick unless these hold
     to_succeed: Conditions = ()  # these hold in the tick in which it succeeds
     gives: Conditions = ()  # these hold after its success, for searches that plan
-    changes: Mapping[str, int] = field(default_factory=dict)
+    changes: Mapping[str, Literal[-1, 1]] = field(default_factory=dict)
     """Keys that its success changes: -1 makes the value smaller, 1 larger."""
     after: tuple[str, ...] = ()
     """Actions that often succeed right before it. Random trees insert some of them before it."""
-    arguments: Mapping[str, Annotated[Parameter, BeforeValidator(from_declaration)]] = field(
-        default_factory=dict
-    )
+    arguments: Arguments = field(default_factory=dict)
     """By name, in the order in which trees are written."""
     condition: Flag = False  # never RUNNING and without effect; see `condition_leaf`
     sets: tuple[str, ...] = ()
     """Keys that its end can write, before the rest of the tree is ticked."""
-    uses: tuple[str, ...] = ()
+    uses: tuple[Name, ...] = ()
     """Resources that it holds until it ends, such as the base of a robot. Two actions that share
     one never run in the same tick."""
 
@@ -151,7 +143,7 @@ class Key:
     most: Number | None = None  # greatest value in any world; None: unbounded
     noise: Number = 0.0  # standard deviation that perturbed worlds add to a number, >= 0
     whole: Flag = False  # True: a whole number, of which thresholds have no decimals
-    words: tuple[str, ...] = ()  # its values if it is one of some words; else empty
+    words: tuple[Name, ...] = ()  # its values if it is one of some words; else empty
     initial: Number | str | None = None
     """The value that it has until a tree writes it: a number, a word, yes or no. None: it belongs
     to the domain, which writes it before each tick, and no tree writes it."""
@@ -248,94 +240,56 @@ def enumeration(meaning: str, words: Collection[str], *, initial: str | None = N
     Its value on a blackboard is the index of the word. With `initial`, its first word, trees can
     write it.
     """
-    if not (listed := word_list(words, meaning)):
-        raise DomainError(f"Expected at least one word for the key {meaning!r}, found none.")
+    listed = listed_words(words)
     last = len(listed) - 1
     return Key(meaning, flag=False, high=last, most=last, whole=True, words=listed, initial=initial)
 
 
-def is_name(word: str) -> bool:
+def is_name(word: object) -> bool:
     """True if a word is a valid name of an action or a key."""
     return isinstance(word, str) and NAME.fullmatch(word) is not None and word not in RESERVED
 
 
-def _check_action(action: Action, where: str, keys: Mapping[str, Key]) -> None:
-    """Raises DomainError for invalid statuses, conditions or changes."""
-    if not action.statuses or not STATUSES.issuperset(action.statuses):
-        raise DomainError(
-            f"Expected statuses among FAILURE, SUCCESS and RUNNING for {where}, found"
-            f" {action.statuses!r}."
-        )
-    if action.condition and (RUNNING in action.statuses or action.changes):
-        raise DomainError(
-            f"Expected neither RUNNING nor changes of {where}, which is a condition; use"
-            " condition_leaf(...), or leave out `condition`."
-        )
-    if wrong_name := [name for name in action.uses if not is_name(name)]:
-        raise DomainError(
-            f"Expected names of letters, digits and _ as uses of {where}, found {wrong_name[0]!r}."
-        )
-    terms = (*action.to_start, *action.to_succeed, *action.gives)
-    for key in (*(key for term in terms for key in term.keys), *action.changes):
-        if key not in keys:
-            raise DomainError(
-                f"Expected keys of the vocabulary in the conditions and changes of {where}, found"
-                f" {key!r}."
-            )
-    for term in terms:
-        if term.operator not in (operators := keys[term.key].operators or FLAG_OPERATORS):
-            raise DomainError(
-                f"Expected one of {', '.join(operators)} with {term.key} in the conditions of"
-                f" {where}, found {term.operator!r}."
-            )
-    if unwritable := [key for key in action.sets if key not in keys or not keys[key].writable]:
-        raise DomainError(
-            f"Expected keys with an initial value as sets of {where}, found {unwritable[0]!r}."
-        )
-    if wrong := [change for change in action.changes.values() if change not in (-1, 1)]:
-        raise DomainError(f"Expected -1 or 1 as the changes of {where}, found {wrong[0]!r}.")
+def _key_fields(declared: Any) -> Any:
+    """The fields of a `Key` from those in a file; one with a range is a number by default."""
+    if not isinstance(declared, dict):
+        return declared
+    if declared.get("words") or {"words", "flag"} & declared.keys() == {"words"}:
+        last = len(listed_words(declared["words"])) - 1
+        return {**declared, "flag": False, "whole": True, "high": last, "most": last}
+    fields = {"flag": not declared.keys() & {"low", "high", "step", "most", "whole"}, **declared}
+    if isinstance(fields.get("initial"), bool):
+        fields["initial"] = NO_YES[fields["initial"]]
+    return fields
 
 
-def _check_range(key: Key, where: str) -> None:
-    """Raises DomainError for a number whose range is empty or too large."""
-    whole = (key.low, key.high, key.step, key.most or 0) if key.whole else ()
-    check_range(key, where, whole, above_0=False)
-    if key.most is not None and key.most <= key.low:
-        raise DomainError(f"Expected most above low for {where}, found {key.most:g}, {key.low:g}.")
-    if key.noise < 0:
-        raise DomainError(f"Expected noise of at least 0 for {where}, found {key.noise:g}.")
+def _checked_key(key: Key) -> Key:
+    """Raises ValueError for a key whose fields contradict each other."""
+    words, most, initial = key.choices, inf if key.most is None else key.most, key.initial
+    expect(len({*words}) == len(words), "different words", [*words])
+    if words:
+        is_plain = not key.noise and not (key.flag and (key.words or key.whole))
+        expect(is_plain, "flag(...) or enumeration(...), without noise", key.meaning)
+        can_have = initial in words
+    else:
+        check_range(key, (key.low, key.high, key.step, key.most or 0) if key.whole else ())
+        expect(most > key.low, "most above low", f"{most:g}, {key.low:g}")
+        expect(key.noise >= 0, "noise of at least 0", key.noise)
+        can_have = not isinstance(initial, str | None) and key.low <= initial <= most
+        can_have &= not (key.whole and can_have and initial % 1)  # type: ignore[operator]
+    kind = " | ".join(words) or f"a number from {key.low:g} to {most:g}"
+    expect(initial is None or can_have, f"{kind} as initial", repr(initial))
+    return key
 
 
-def _check_initial(key: Key, where: str) -> None:
-    """Raises DomainError for an initial value that a key cannot have."""
-    words = NO_YES if key.flag else key.words
-    value, most = key.initial, inf if key.most is None else key.most
-    if value is None or (words and value in words):
-        return
-    if words or isinstance(value, str) or not key.low <= value <= most or (key.whole and value % 1):
-        expected = " | ".join(words) or f"a number from {key.low:g} to {most:g}"
-        raise DomainError(f"Expected {expected} as initial of {where}, found {value!r}.")
+def _checked_action(action: Action, info: ValidationInfo) -> Action:
+    """The action with the numbers of words in its conditions. Raises ValueError.
 
-
-def _check_words(key: Key, where: str, keys: Mapping[str, Key]) -> None:
-    """Raises DomainError for an invalid declaration of a flag or an enumeration."""
-    if key.noise or (key.flag and (key.words or key.whole)):
-        raise DomainError(
-            f"Expected noise and whole of numbers only, and words of an enumeration, for {where};"
-            " use flag(...), enumeration(...) or number(...)."
-        )
-    for word in key.words:
-        if not is_name(word) or word in keys:
-            raise DomainError(
-                f"Expected words of letters, digits and _ for {where} that are neither keys nor"
-                f" keywords of the language, found {word!r}; rename it."
-            )
-    if len(set(key.words)) < len(key.words):
-        raise DomainError(f"Expected different words for {where}, found {[*key.words]}.")
-
-
-def _with_words(action: Action, keys: Mapping[str, Key]) -> Action:
-    """The action with the numbers of words in its conditions."""
+    The context is the vocabulary; None: its names are not checked.
+    """
+    if info.context is None:
+        return action
+    keys, actions, resources = info.context.keys, info.context.actions, info.context.resources
 
     def numbered(term: Condition) -> Condition:
         key = keys.get(term.key)
@@ -345,11 +299,30 @@ def _with_words(action: Action, keys: Mapping[str, Key]) -> Action:
 
     declared = (action.to_start, action.to_succeed, action.gives)
     start, succeed, gives = (tuple(map(numbered, each)) for each in declared)
+    is_condition = action.condition and (RUNNING in action.statuses or action.changes)
+    expect(not is_condition, "neither RUNNING nor changes of a condition (condition_leaf)", "both")
+    terms = (*start, *succeed, *gives)
+    for key in (*(key for term in terms for key in term.keys), *action.changes):
+        expect(key in keys, "keys of the vocabulary in its conditions and changes", repr(key))
+    for term in terms:
+        operators = keys[term.key].operators or FLAG_OPERATORS
+        expected = f"one of {', '.join(operators)} with {term.key} in its conditions"
+        expect(term.operator in operators, expected, repr(term.operator))
+    for key in action.sets:
+        is_writable = key in keys and keys[key].writable
+        expect(is_writable, "keys with an initial value as `sets`", repr(key))
+    for resource in action.uses if resources else ():
+        expected = f"resources of the vocabulary ({', '.join(resources)}) as `uses`"
+        expect(resource in resources, expected, repr(resource))
+    for name in action.after:
+        expect(name in actions, "actions of the domain as `after`", repr(name))
     return replace(action, to_start=start, to_succeed=succeed, gives=gives)
 
 
-Actions: TypeAlias = Mapping[str, Action]
-Keys: TypeAlias = Mapping[str, Annotated[Key, BeforeValidator(_key)]]
+Actions: TypeAlias = Mapping[Name, Annotated[Action, AfterValidator(_checked_action)]]
+Keys: TypeAlias = Mapping[
+    Name, Annotated[Key, BeforeValidator(_key_fields), AfterValidator(_checked_key)]
+]
 
 UNKNOWN: Final = Action("")
 """The declaration assumed for an action that a vocabulary does not declare."""
@@ -371,45 +344,18 @@ class Vocabulary:
 
     def __post_init__(self) -> None:
         """Checks names, types and ranges."""
-        for name in (self.domain, *self.actions, *self.keys):
-            if not is_name(name):
-                raise DomainError(
-                    "Expected a name of letters, digits and _ that is not a keyword of the"
-                    f" language, found {name!r} in the domain {self.domain!r}; rename it."
-                )
+        validated(Name, self.domain, "the domain")
         of_domain = f"of the domain {self.domain}"
         keys = validated(Keys, self.keys, f"the key {{}} {of_domain}")
-        actions = validated(Actions, self.actions, f"the action {{}} {of_domain}")
-        actions = {name: _with_words(action, keys) for name, action in actions.items()}
         object.__setattr__(self, "keys", keys)
+        actions = validated(Actions, self.actions, f"the action {{}} {of_domain}", self)
         object.__setattr__(self, "actions", actions)
-        if twice := self.actions.keys() & self.keys.keys():
+        words = (word for key in keys.values() for word in key.words)
+        if twice := [name for name in (*actions, *words) if name in keys]:
             raise DomainError(
-                f"Expected each name once in the domain {self.domain}, found {min(twice)!r} as an"
-                " action and as a key; rename one."
+                f"Expected each name once in the domain {self.domain}, found {twice[0]!r} as a key"
+                " and as an action or a word; rename one."
             )
-        for name, action in self.actions.items():
-            where = f"the action {name} of the domain {self.domain}"
-            _check_action(action, where, self.keys)
-            check_parameters(action.arguments, where)
-            if self.resources and (unknown := [u for u in action.uses if u not in self.resources]):
-                raise DomainError(
-                    f"Expected resources of the vocabulary ({', '.join(self.resources)}) as uses of"
-                    f" {where}, found {unknown[0]!r}."
-                )
-            for before in action.after:
-                if before not in self.actions or before == name:
-                    raise DomainError(
-                        f"Expected other actions of the domain {self.domain} as `after` of the"
-                        f" action {name}, found {before!r}."
-                    )
-        for name, key in self.keys.items():
-            where = f"the key {name} of the domain {self.domain}"
-            _check_initial(key, where)
-            if key.words or key.flag:
-                _check_words(key, where, self.keys)
-            else:
-                _check_range(key, where)
 
     def __hash__(self) -> int:
         """The hash of the names, as mappings have no hash."""
