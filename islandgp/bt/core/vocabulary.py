@@ -10,7 +10,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from math import inf
-from typing import Annotated, Any, ClassVar, Final, Literal, TypeAlias
+from typing import Annotated, Any, ClassVar, Final, TypeAlias
 
 from pydantic import (
     AfterValidator,
@@ -104,7 +104,7 @@ class Action:
     to_start: Conditions = ()  # it fails in its first tick unless these hold
     to_succeed: Conditions = ()  # these hold in the tick in which it succeeds
     gives: Conditions = ()  # these hold after its success, for searches that plan
-    changes: Mapping[str, Literal[-1, 1]] = field(default_factory=dict)
+    changes: Mapping[str, int] = field(default_factory=dict)
     """Keys that its success changes: -1 makes the value smaller, 1 larger."""
     after: tuple[str, ...] = ()
     """Actions that often succeed right before it. Random trees insert some of them before it."""
@@ -301,6 +301,8 @@ def _checked_action(action: Action, info: ValidationInfo) -> Action:
     start, succeed, gives = (tuple(map(numbered, each)) for each in declared)
     is_condition = action.condition and (RUNNING in action.statuses or action.changes)
     expect(not is_condition, "neither RUNNING nor changes of a condition (condition_leaf)", "both")
+    signs = [*action.changes.values()]
+    expect({*signs} <= {-1, 1}, "-1 or 1 as its changes", signs)
     terms = (*start, *succeed, *gives)
     for key in (*(key for term in terms for key in term.keys), *action.changes):
         expect(key in keys, "keys of the vocabulary in its conditions and changes", repr(key))
