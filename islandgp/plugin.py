@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -70,12 +69,16 @@ class ImportedClass(BaseModel, frozen=True, extra="forbid"):
         return factory
 
 
-def strictly(model: type[BaseModel], value: Any) -> BaseModel:
-    """An instance of a model from plain values; a text or `true` in place of a number is an error.
-
-    Raises pydantic.ValidationError.
-    """
-    return model.model_validate_json(json.dumps(value), strict=True)
+def switched_numbers(values: Any, parsed: Any, path: str = "") -> Iterator[str]:
+    """A line for each `true` or `false` in plain values that a model has parsed as a number."""
+    if isinstance(values, bool) and isinstance(parsed, int | float) and type(parsed) is not bool:
+        yield f"{path.lstrip('.')}: expected a number, found {str(values).lower()}"
+    elif isinstance(values, Mapping) and isinstance(parsed, Mapping):
+        for key, value in values.items():
+            yield from switched_numbers(value, parsed.get(key), f"{path}.{key}")
+    elif isinstance(values, list) and isinstance(parsed, list | tuple):
+        for i, (value, inner) in enumerate(zip(values, parsed, strict=False)):
+            yield from switched_numbers(value, inner, f"{path}.{i}")
 
 
 class ComponentConfig(ImportedClass, frozen=True, extra="forbid"):
@@ -91,7 +94,9 @@ class ComponentConfig(ImportedClass, frozen=True, extra="forbid"):
     def _fits_factory(cls, policy: dict[str, Any], info: ValidationInfo) -> dict[str, Any]:
         if (factory := info.data.get("factory")) is not None:
             with plugin_errors(path_of(factory)):
-                strictly(factory.Settings, policy)  # its errors become errors of this field
+                settings = factory.Settings.model_validate(policy)  # its errors become this field's
+            if wrong := next(switched_numbers(policy, settings.model_dump()), ""):
+                raise ValueError(wrong)
         return policy
 
     def settings(self) -> Any:

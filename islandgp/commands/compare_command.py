@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 from click.core import ParameterSource
 
-from islandgp.commands.files import FOLDER, check_folder, unusable
+from islandgp.commands.files import FOLDER, check_place, unusable
 from islandgp.commands.options import grouped, with_config_dir_option, with_workers_option
 from islandgp.compare.report import CompareOptions, build, select_study, write
 from islandgp.evaluation.processes import Processes, cores
@@ -89,7 +89,7 @@ def command(options: CompareOptions, more: tuple[Path, ...]) -> None:
     given = click.get_current_context().get_parameter_source("runs") is ParameterSource.COMMANDLINE
     folders = (*options.runs[: None if given or not more else 0], *more)
     study, plan, folder = select_study(replace(options, runs=folders))
-    check_folder(folder)
+    check_place(folder, is_folder=True)
     make = partial(Processes, workers=options.workers or cores())
     report = build(study, plan, worlds=options.worlds, make=make)
     try:

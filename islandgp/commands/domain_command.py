@@ -5,33 +5,25 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterator, Sequence
-from contextlib import redirect_stdout
 from inspect import getfile
-from io import StringIO
 from pathlib import Path
-from textwrap import indent
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING
 
 import click
 
-from islandgp.bt.core.language import domain_of, parse
+from islandgp.bt.core.language import domain_of
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.parameters import adapter, described, signature
 from islandgp.bt.core.vocabulary import Key
 from islandgp.commands.files import FILE, STDIN, read_tree_text
 from islandgp.commands.options import DomainOptions, with_domain_options, with_timeout_option
 from islandgp.commands.setting import configured, default_domain, domain_file, settings_of
-from islandgp.domain import Domain, Schema
+from islandgp.domain import Schema
 from islandgp.errors import IslandError
-from islandgp.plugin import short_repr
 from islandgp.resources import resource
 
 if TYPE_CHECKING:
     from islandgp.config.settings import Settings
-
-
-MAX_PATTERNS: Final = 100
-"""Patterns of tree files next to a domain's module."""
 
 
 @click.command()
@@ -55,30 +47,33 @@ def command(
 ) -> None:
     """Show the actions, keys, events and counters of the domain NAME; default: the island.
 
-    With --check: test the domain's contract by running trees. The trees are those of the library,
-    the .bt files next to the domain's module that name it, the given FILES, each action,
-    random trees and growing sequences of actions. Events, actions and keys that no tree reaches
-    are listed. Exit code 1 if the domain breaks its contract.
+    With --check: test the domain's contract by running trees. The trees are the .bt files of the
+    library and next to the domain's module that name it, the given FILES, each action, random
+    trees and growing sequences of actions. Events, actions and keys that no tree reaches are
+    listed. Exit code 1 if the domain breaks its contract.
     """
     name, files = _parted(arguments)
-    if files and not check:
-        raise click.UsageError(f"expected --check with tree files, found {files[0]} without it")
-    if strict and not check:
-        raise click.UsageError("expected --check with --strict, found --strict alone")
-    if sum((check, as_json, as_yaml)) > 1:
-        raise click.UsageError("expected one of --check, --json and --yaml, found more")
+    if sum((check, as_json, as_yaml)) > 1 or ((files or strict) and not check):
+        raise click.UsageError(
+            "expected one of --check, --json and --yaml, and --strict or tree files with --check;"
+            " found other options"
+        )
     if as_yaml:
         click.echo(domain_file(name, options).read_text(encoding="utf-8"), nl=False)
         return
-    settings = _settings(name, files, options)
-    domain = settings.make_domain()
+    if files and not name:
+        settings = settings_of(read_tree_text(files[0]), options)
+    else:
+        named = (f"domain={name}",) if name else ()
+        settings = configured((*named, *options.overrides), options.config_dir)
     if check:
-        sys.exit(_check(settings, domain, files, strict=strict, timeout=timeout))
+        sys.exit(_check(settings, files, strict=strict, timeout=timeout))
+    schema = settings.make_domain().schema
     if as_json:
-        plain = adapter(Schema).dump_python(domain.schema, mode="json", exclude_defaults=True)
+        plain = adapter(Schema).dump_python(schema, mode="json", exclude_defaults=True)
         click.echo(json.dumps(plain, indent=1))
         return
-    click.echo("\n".join(_lines(domain.schema)))
+    click.echo("\n".join(_lines(schema)))
 
 
 def _parted(arguments: Sequence[str]) -> tuple[str, list[str]]:
@@ -89,25 +84,6 @@ def _parted(arguments: Sequence[str]) -> tuple[str, list[str]]:
     parameter = next(each for each in context.command.params if each.name == "arguments")
     files = [str(FILE.convert(word, parameter, context)) for word in arguments[named:]]
     return first if named else "", files
-
-
-def _settings(name: str, files: Sequence[str], options: DomainOptions) -> Settings:
-    """The settings of the named domain, or of the one that the first file is for."""
-    if name or not files:
-        named = (f"domain={name}",) if name else ()
-        return configured((*named, *options.overrides), options.config_dir)
-    return settings_of(read_tree_text(files[0]), options)
-
-
-class _Printed(StringIO):
-    """A standard output for the domain's code that stores the first line printed."""
-
-    first = ""
-
-    def write(self, text: str) -> int:
-        """See `io.TextIOBase`."""
-        self.first = self.first or text.strip()
-        return len(text)
 
 
 def _lines(schema: Schema) -> Iterator[str]:
@@ -146,81 +122,41 @@ def _range(key: Key) -> str:
     return f"{'whole, ' if key.whole else ''}{key.low:g}{most or ' or more'}"
 
 
-def _check(
-    settings: Settings, domain: Domain, files: Sequence[str], *, strict: bool, timeout: float
-) -> int:
+def _check(settings: Settings, files: Sequence[str], *, strict: bool, timeout: float) -> int:
     """Runs the contract suite; returns the exit code."""
-    from islandgp.testing.check import PROMISES, check_domain
+    from islandgp.testing.check import check_domain
 
-    trees = [read_tree_text(file).tree(domain.schema.vocabulary) for file in files]
-    known, left_out = known_trees(settings, domain)
+    vocabulary = settings.make_domain().schema.vocabulary
+    trees = [read_tree_text(file).tree(vocabulary) for file in files]
+    known, left_out = known_trees(settings)
     for line in left_out:
         click.echo(f"left out: {line}")
-    own, printed = dict.fromkeys((*trees, *known)), _Printed()
-    with redirect_stdout(printed):
-        check = check_domain(settings.make_domain, trees=own, timeout=timeout)
-    for promise in PROMISES if check.trees_run else check.faults:
-        fault = check.faults.get(promise, "")
-        click.echo(f"{'FAILED' if fault else 'ok':<6}  {promise}")
-        if fault:
-            click.echo(indent(fault, " " * 8))
-    if printed.first:
-        click.echo(f"\nIts code prints while episodes run, e.g. {short_repr(printed.first)}")
-    if not check.trees_run:
-        click.echo("The other promises are checked as soon as the episode of a tree runs.")
-        return 1
-    if unreached := check.unreached():
-        click.echo(
-            f"\nNot reached by any of {check.trees_run} trees (no failure without --strict):"
-        )
-        for line in unreached:
-            click.echo(f"  {line}")
-        click.echo("A tree that reaches them can be added: islandgp domain NAME --check TREE.bt")
-    if shared := check.shared():
-        click.echo(
-            "\nActions that seem to share a resource; declare it as their `uses` if they do:"
-        )
-        for line in shared:
-            click.echo(f"  {line}")
-    return 1 if check.faults or (strict and unreached) else 0
+    own = dict.fromkeys((*trees, *known))
+    check = check_domain(settings.make_domain, trees=own, timeout=timeout)
+    click.echo("\n".join(check.lines()))
+    return 1 if check.faults or (strict and check.unreached()) else 0
 
 
-def known_trees(settings: Settings, domain: Domain) -> tuple[list[Node], list[str]]:
-    """The trees of a domain's library, and those of .bt files that are for it.
+def known_trees(settings: Settings) -> tuple[list[Node], list[str]]:
+    """The trees of .bt files for a domain, and a line for each file that cannot be read.
 
-    Returns:
-        The trees, and a line for each file or library that cannot be read.
+    The files are next to the domain's module, in its folder `trees`, in the library's folder, and
+    in the examples.
     """
-    trees: dict[Node, None] = {}
+    from islandgp.supervision.library import library_folder
+
+    domain = settings.make_domain()
+    beside = Path(getfile(type(domain))).parent
+    folders = [beside, beside / "trees", resource("grammar") / "examples"]
+    if settings.library.folder is not None:
+        folders.append(library_folder(settings.library.folder, domain))
+    trees: list[Node] = []
     left_out: dict[str, None] = {}
-    vocabulary = domain.schema.vocabulary
-    for file in (None, *_files(domain)):
+    for file in dict.fromkeys(file for folder in folders for file in sorted(folder.glob("*.bt"))):
         try:
-            if file is None:
-                trees |= dict.fromkeys(_library(settings, domain))
-                continue
             source = read_tree_text(str(file))
-            if (domain_of(source.text) or default_domain()) == vocabulary.domain:
-                trees[source.tree(vocabulary)] = None
+            if (domain_of(source.text) or default_domain()) == domain.schema.vocabulary.domain:
+                trees.append(source.tree(domain.schema.vocabulary))
         except IslandError as error:
             left_out[str(error).splitlines()[0]] = None
-    return list(trees), list(left_out)
-
-
-def _library(settings: Settings, domain: Domain) -> Iterator[Node]:
-    """The trees of the library's folder, or the stored ones of an earlier search."""
-    from islandgp.running.automatic_library import kept_library, library_file
-    from islandgp.running.parts import make_library
-
-    if settings.library.folder is not None:
-        yield from make_library(settings, domain).trees.values()
-    elif (file := library_file(settings, domain)).exists():
-        for name, text in kept_library(file).trees.items():
-            yield parse(text, domain.schema.vocabulary, name=f"{file}: {name}")
-
-
-def _files(domain: Domain) -> list[Path]:
-    """Tree files next to the domain's module, in its folder `trees`, and in the examples."""
-    beside = Path(getfile(type(domain))).parent
-    folders = (beside, beside / "trees", resource("grammar") / "examples")
-    return [file for folder in folders for file in sorted(folder.glob("*.bt"))][:MAX_PATTERNS]
+    return trees, list(left_out)

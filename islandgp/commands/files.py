@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import sys
-from collections.abc import Callable
 from errno import EACCES, ENOENT
 from pathlib import Path
 from typing import Any, Final, NamedTuple
@@ -44,12 +43,8 @@ FILE: Final = _Input(exists=True, dir_okay=False, allow_dash=True)
 """An argument that names a file; `-` is the standard input."""
 
 
-class _Checked(click.Path):
-    """An output path; `check` raises IslandError if it cannot be written, before any work."""
-
-    def __init__(self, check: Callable[[Path], None], **options: Any) -> None:
-        super().__init__(**options)
-        self.check = check
+class _Output(click.Path):
+    """A path to be written. Raises IslandError if it cannot be written, before any work."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
         """The path, as from `click.Path`. Raises click.BadParameter for an empty one."""
@@ -57,63 +52,38 @@ class _Checked(click.Path):
             self.fail(f"{self.name.title()} '' does not exist.", param, ctx)
         path = super().convert(value, param, ctx)
         if path != STDIN:
-            self.check(Path(os.fsdecode(path)))
+            check_place(Path(os.fsdecode(path)), is_folder=self.dir_okay)
         return path
 
 
-def _check_file(file: Path) -> None:
-    """Raises IslandError if a file cannot be written."""
-    from islandgp.atomic_files import must_take_files
-
-    try:
-        if file.exists():
-            if not os.access(file, os.W_OK):
-                raise PermissionError(EACCES, os.strerror(EACCES))
-            if not file.is_file():  # a device or a pipe needs no temporary file
-                return
-        elif not file.parent.exists():
-            raise FileNotFoundError(ENOENT, os.strerror(ENOENT))
-        must_take_files(file.resolve().parent)
-    except OSError as error:
-        raise IslandError(
-            f"Expected a place for the file {file}, found: {_obstacle(file.parent, error)};"
-            " give another with -o."
-        ) from None
-
-
-def check_folder(folder: Path) -> None:
-    """Raises IslandError if a folder cannot be created or written."""
-    from islandgp.atomic_files import must_take_files
-
-    try:
-        must_take_files(folder)
-    except OSError as error:
-        raise unusable(folder, error) from None
-
-
-OUTPUT: Final = _Checked(_check_file, dir_okay=False, allow_dash=True)
+OUTPUT: Final = _Output(dir_okay=False, allow_dash=True)
 """An option that names a file to be written; `-` is the standard output."""
 
-FOLDER: Final = _Checked(check_folder, path_type=Path)
+FOLDER: Final = _Output(path_type=Path)
 """An option that names an output folder, which is created if it is missing."""
 
 
-def unusable(folder: Path, error: OSError) -> IslandError:
-    """The error for a folder in which files cannot be written."""
-    return IslandError(
-        f"Expected a folder for files in {folder}, found: {_obstacle(folder, error)};"
-        " give another with -o."
-    )
+def check_place(path: Path, *, is_folder: bool) -> None:
+    """Raises IslandError if a file, or files of a folder, cannot be written."""
+    from islandgp.atomic_files import must_take_files
+
+    try:
+        if not is_folder and not path.parent.exists():
+            raise FileNotFoundError(ENOENT, f"no folder {path.parent}")
+        if path.exists() and not os.access(path, os.W_OK):
+            raise PermissionError(EACCES, os.strerror(EACCES))
+        if is_folder or path.is_file() or not path.exists():  # else it is a device or a pipe
+            must_take_files(path if is_folder else path.resolve().parent)
+    except OSError as error:
+        raise unusable(path, error) from None
 
 
-def _obstacle(folder: Path, error: OSError) -> str:
-    """The reason why a folder cannot be written, for a message."""
-    for place in (*reversed(folder.absolute().parents), folder):
-        if place.exists() and not place.is_dir():
-            return f"the file {place}"
-    if isinstance(error, FileNotFoundError) and not folder.exists():
-        return f"no folder {folder}"
-    return error.strerror or str(error)
+def unusable(path: Path, error: OSError) -> IslandError:
+    """The error for a place where nothing can be written."""
+    above = [*reversed(path.absolute().parents)]
+    file = next((place for place in above if place.exists() and not place.is_dir()), None)
+    found = f"the file {file}" if file else error.strerror or str(error)
+    return IslandError(f"Expected a place to write {path}, found: {found}; give another with -o.")
 
 
 def display_name(file: str) -> str:

@@ -3,26 +3,24 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from contextlib import closing
 
 import click
 
 from islandgp.bt.analysis.names import with_names
 from islandgp.bt.core.language import domain_of
-from islandgp.bt.core.node import Node, size
+from islandgp.bt.core.node import size
 from islandgp.bt.core.printer import with_subtrees
-from islandgp.commands.files import FILE, check_other_file, read_tree_text, write_text
+from islandgp.commands.evaluating import tree_trials
+from islandgp.commands.files import FILE, check_other_file, write_text
 from islandgp.commands.options import (
-    DomainOptions,
+    EpisodeOptions,
     NumberRange,
-    with_domain_options,
+    with_episode_options,
     with_output_option,
-    with_stage_option,
 )
-from islandgp.commands.setting import stage_index, tree_in_domain
 from islandgp.commands.tables import Column, numbers, print_table
-from islandgp.domain import Outcome
 from islandgp.evolution.prune import Keep, PruneResult, prune
+from islandgp.evolution.validation import fresh_worlds
 from islandgp.intervals import interval
 
 
@@ -41,16 +39,14 @@ from islandgp.intervals import interval
     help="Maximum number of episodes.",
 )
 @click.option("--seed", type=click.IntRange(0), default=0, help="Seed of the worlds.")
-@with_domain_options
-@with_stage_option
+@with_episode_options
 def command(
     file: str,
     output: str,
     tolerance: float | None,
     episodes: int,
     seed: int,
-    options: DomainOptions,
-    stage: int | None,
+    episode: EpisodeOptions,
 ) -> None:
     """Shorten the tree in FILE as far as its fitness allows.
 
@@ -59,35 +55,22 @@ def command(
     fresh worlds; the shortest one that is as good there is printed, or written with -o. What went
     is reported on the standard error. `simplify` makes only changes that cannot be noticed.
     """
-    from islandgp.evaluation.base import evaluated
-    from islandgp.evolution.validation import fresh_worlds
-    from islandgp.running.parts import make_evaluator
-
     check_other_file(file, output)
-    tree, settings, problem = tree_in_domain(file, options)
-    index, pruning = stage_index(settings, stage), settings.prune
-    keep = Keep(
-        pruning.tolerance if tolerance is None else tolerance,
-        settings.classes,
-        settings.constraints,
-    )
-    with closing(make_evaluator(settings)) as evaluator:
-
-        def outcomes(trees: Sequence[Node], worlds: Sequence[int]) -> list[list[Outcome]]:
-            return evaluated(evaluator, trees, index, worlds)
-
+    with tree_trials(file, episode, episodes) as trials:
+        settings, vocabulary = trials.settings, trials.problem.domain.schema.vocabulary
+        limit = settings.prune.tolerance if tolerance is None else tolerance
         result = prune(
-            tree,
-            problem.domain.schema.vocabulary,
-            outcomes,
-            problem.run(index),
+            trials.tree,
+            vocabulary,
+            trials.outcomes,
+            trials.problem.run(trials.stage),
             fresh_worlds(seed),
-            keep,
+            Keep(limit, settings.classes, settings.constraints),
             episodes=episodes,
-            most_worlds=pruning.worlds,
+            most_worlds=settings.prune.worlds,
         )
-    domain = domain_of(read_tree_text(file).text)
-    best = with_names(result.best, problem.domain.schema.vocabulary, [tree])
+    domain = domain_of(trials.source.text)
+    best = with_names(result.best, vocabulary, [trials.tree])
     write_text(output, (f"domain {domain}\n\n" if domain else "") + with_subtrees(best))
     _report(result)
 
@@ -100,18 +83,19 @@ def _report(result: PruneResult) -> None:
     if result.earns_nothing:
         console.print("The tree earns 0 points in every world, so there is nothing to compare.")
         return
-    points = ["", *_signed([step.difference for step in result.steps[1:]])]
-    wide = max(map(len, ("points", *points)))
-    console.print(f"nodes  {'points':>{wide}}  change")
-    for step, earned in zip(result.steps, points, strict=True):
-        change = step.change or "simplified"
-        console.print(f"{size(step.tree):5}  {earned:>{wide}}  {change}", soft_wrap=True)
+    first, *steps = result.steps
+    columns = [
+        Column("nodes", [str(size(step.tree)) for step in (first, *steps)]),
+        Column("points", ["", *_signed([step.difference for step in steps])]),
+        Column("change", [s.change or "simplified" for s in (first, *steps)], left=True),
+    ]
+    print_table(console, columns)
     if result.front:
         console.print("\nShorter trees in fresh worlds; differences are to the original:")
         intervals = [interval(tried.differences) for tried in result.front]
         cells = [_signed([each[end] for each in intervals]) for end in range(3)]
-        texts = [f"{a} ({b} to {c})" for a, b, c in zip(*cells, strict=True)]
         chosen = ["chosen" if tried.tree == result.best else "" for tried in result.front]
+        texts = [f"{a} ({b} to {c})" for a, b, c in zip(*cells, strict=True)]
         table = [
             Column("nodes", [str(size(tried.tree)) for tried in result.front]),
             Column("difference (95 %)", texts, left=True),

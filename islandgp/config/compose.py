@@ -171,9 +171,18 @@ def plain(config: DictConfig) -> dict[str, Any]:
 def composed_config(overrides: list[str], source: ConfigSource) -> DictConfig:
     """The configuration, including Hydra's part. Raises ConfigError."""
     try:
-        return source.compose(overrides)
+        composed = source.compose(overrides)
     except USER_ERRORS as error:
         raise ConfigError(explain(error, overrides, source)) from None
+    for group in ("domain", "experiment"):
+        misplaced = {"gp", "budget", "classes", "name"} & {*(composed.get(group) or {})}
+        if misplaced:
+            raise ConfigError(
+                f"{group}={composed.hydra.runtime.choices.get(group)}: expected"
+                " `# @package _global_` as the first line of the file, found none; add it, so that"
+                " its keys are those of the whole configuration."
+            )
+    return composed
 
 
 def resolved(config: DictConfig) -> dict[str, Any]:

@@ -80,7 +80,7 @@ def explain(error: Exception, overrides: Sequence[str], source: ConfigSource) ->
     text = str(error).partition("\nConfig search path:")[0]
     if isinstance(error, TypeError) and "is not an int" not in text:
         raise error
-    if match := re.search(UNKNOWN_KEY, text):
+    if (match := re.search(UNKNOWN_KEY, text)) and not source.options(match[1]):
         loader = source.loader()
         choices = [o for o in overrides if loader.get_group_options(o.partition("=")[0])]
         config = OmegaConf.to_container(source.compose(choices), resolve=False)

@@ -6,7 +6,6 @@ checks conflicts between groups. No other module uses Hydra's configuration obje
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Any, Final, Literal
@@ -35,7 +34,7 @@ from islandgp.plugin import (
     defined_in,
     path_of,
     plugin_errors,
-    strictly,
+    switched_numbers,
 )
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import Bound
@@ -176,7 +175,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
         if (domain := info.data.get("domain")) is None:
             return value  # the domain reports its own error
         model = domain.factory.World if info.field_name == "world" else domain.factory.Rewards
-        return strictly(model, value)  # its errors become errors of this field
+        return model.model_validate(value)  # its errors become errors of this field
 
     @field_validator("allocation", mode="plain")
     @classmethod
@@ -185,7 +184,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
         model = getattr(getattr(info.data.get("search"), "factory", None), "Allocation", None)
         if model is None or not isinstance(value, Mapping):
             return None
-        return strictly(model, {k: v for k, v in value.items() if k in model.model_fields})
+        return model.model_validate({k: v for k, v in value.items() if k in model.model_fields})
 
     def make_domain(self) -> Domain:
         """The domain with its world and rewards. Raises ConfigError if it rejects them."""
@@ -238,11 +237,11 @@ def read_settings(config: Mapping[str, Any]) -> Settings:
         ConfigError: with one line for each wrong key or value.
     """
     try:
-        text = json.dumps(with_generations(config))
-        settings = Settings.model_validate_json(text, strict=True)  # `true` is no number
+        settings = Settings(**with_generations(config))
     except ValidationError as error:
         raise ConfigError("\n".join(sorted(set(error_lines(error, config))))) from None
-    wrong = [*_conflicts(settings)] or [*_faults(settings)]
+    wrong = [*switched_numbers(config, settings.model_dump()), *_conflicts(settings)]
+    wrong = wrong or [*_faults(settings)]
     if wrong:
         raise ConfigError("\n".join(dict.fromkeys(wrong)))
     return settings

@@ -16,6 +16,7 @@ from dataclasses import dataclass
 from heapq import heappop, heappush
 from itertools import combinations_with_replacement, count, islice, pairwise
 from math import isclose, isfinite
+from textwrap import indent
 from typing import Final
 
 import numpy as np
@@ -63,6 +64,24 @@ class Check:
         itself if two of it at once do not do the same as one.
         """
         return list(_shared(self.survey)) if self.survey else []
+
+    def lines(self) -> Iterator[str]:
+        """A report: each promise, what no tree has reached, and resources that seem shared."""
+        for promise in PROMISES if self.trees_run else self.faults:
+            fault = self.faults.get(promise, "")
+            yield f"{'FAILED' if fault else 'ok':<6}  {promise}"
+            if fault:
+                yield indent(fault, " " * 8)
+        if not self.trees_run:
+            yield "The other promises are checked as soon as the episode of a tree runs."
+            return
+        if unreached_lines := self.unreached():
+            yield f"\nNot reached by any of {self.trees_run} trees (no failure without --strict):"
+            yield from (f"  {line}" for line in unreached_lines)
+            yield "A tree that reaches them can be added: islandgp domain NAME --check TREE.bt"
+        if shared := self.shared():
+            yield "\nActions that seem to share a resource; declare it as their `uses` if they do:"
+            yield from (f"  {line}" for line in shared)
 
 
 def check_domain(

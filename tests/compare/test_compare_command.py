@@ -116,5 +116,5 @@ def test_a_report_that_cannot_be_written_is_one_message(
     arguments = [*SMALL[2:], "--worlds", "0", "-o", str(tmp_path / out)]
     error = _compare(home, arguments, monkeypatch).exception
     assert isinstance(error, IslandError)
-    assert f"Expected a folder for files in {tmp_path / out}, found: " in str(error)
+    assert f"Expected a place to write {tmp_path / out}, found: " in str(error)
     assert str(error).endswith("give another with -o.")

@@ -164,7 +164,7 @@ WRONG = [
     ({"world": {"obstacles.gap": [2, 200]}}, "perturb.world: with the greatest values: world.ob"),
     ({"noise": -1}, "perturb.noise=-1: input should be greater than or equal to 0"),
     ({"delay": 21}, "perturb.delay: expected at most 20 ticks, as the domain declares, found 21"),
-    ({"nois": 1}, "perturb.nois: unknown key; did you mean perturb.noise?"),
+    ({"nois": 1}, "perturb.nois: unknown key;"),
 ]
 
 
@@ -216,22 +216,16 @@ def test_cartpole_declares_sensors() -> None:
     assert [o.fitness for o in true] != [o.fitness for o in perturbed]
 
 
-def test_play_as_json(tmp_path: Path) -> None:
-    """Of one tree the fitness in each perturbed world, of several mean and worst."""
+def test_play_runs_in_perturbed_worlds(tmp_path: Path) -> None:
+    """If the configuration has some."""
     file = tmp_path / "a tree.bt"
     file.write_text(to_text(ALL_ROUNDER), encoding="utf-8")
-    options = ["--seeds", "2", "--json", "--set", SHORT, "--set", "perturb={noise: 3, delay: 20}"]
-    one = CliRunner().invoke(islandgp, ["play", str(file), *options])
-    two = CliRunner().invoke(islandgp, ["play", str(file), str(file), *options])
-    points = [row["perturbed"] for row in json.loads(one.output)]
-    assert len(points) == 2
-    for row in json.loads(two.output):
-        assert row["perturbed"] == pytest.approx(sum(points) / 2)
-        assert row["perturbed_worst"] == min(points)
-    without = CliRunner().invoke(
-        islandgp, ["play", str(file), "--seeds", "1", "--json", "--set", SHORT]
-    )
-    assert "perturbed" not in json.loads(without.output)[0]
+    options = ["--seeds", "2", "--json", "--set", SHORT]
+    points = []
+    for perturbed in ([], ["--set", "perturb={noise: 3, delay: 20}"]):
+        result = CliRunner().invoke(islandgp, ["play", str(file), *options, *perturbed])
+        points.append([row["fitness"] for row in json.loads(result.output)])
+    assert points[0] != points[1]
 
 
 def test_the_page_s_commands_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -245,4 +239,4 @@ def test_the_page_s_commands_run(tmp_path: Path, monkeypatch: pytest.MonkeyPatch
     for command in map(shlex.split, lines):
         result = CliRunner().invoke(islandgp, [*command[1:], "--seeds", "2", "--set", SHORT])
         assert result.exit_code == 0, result.output
-        assert "With robot.charge_below 30 to 60" in result.output or "noise 2" in result.output
+        assert re.search("Perturbed: (robot.charge_below 30 to 60|noise 2)", result.output)

@@ -19,59 +19,30 @@ def test_each_help_ends_with_an_example_that_the_command_takes(
 ) -> None:
     """Its options exist, and its words are as many as it expects."""
     result = islandgp(name, "--help")
-    example = f"islandgp {name} {COMMANDS[name].example}".rstrip()
+    example = f"islandgp {name} {COMMANDS[name][1]}".rstrip()
     assert result.out.rstrip().splitlines()[-1].strip() == example
     monkeypatch.chdir(tmp_path)
     for file in ("tree.bt", "other.bt", "tree.xml", "robot.yaml"):
         Path(file).touch()
-    Path("runs/default/expert-seed0").mkdir(parents=True)
+    Path("runs/default/a-run").mkdir(parents=True)
     command = cli.islandgp.get_command(click.Context(cli.islandgp), name)
     assert command is not None
-    command.make_context(name, shlex.split(COMMANDS[name].example))  # raises what is wrong
+    command.make_context(name, shlex.split(COMMANDS[name][1]))  # raises what is wrong
 
 
 @pytest.mark.parametrize(
     ("arguments", "line"),
     [
         (["chek", "a.bt"], "islandgp: expected a command, found 'chek'; did you mean check?"),
-        (["evolve"], "islandgp: expected a command, found 'evolve'; did you mean run?"),
-        (
-            ["--seed", "3"],
-            "islandgp: expected another option, found --seed; settings are written as KEY=VALUE:"
-            " islandgp run seed=...",
-        ),
+        (["--seed", "3"], "islandgp: no such option '--seed'"),
         (["zzz"], "islandgp: expected a command, found 'zzz'; `islandgp -h` shows what it takes"),
-        (
-            ["play"],
-            "islandgp: play: expected FILES..., found none; `islandgp play -h` shows what it takes",
-        ),
-        (
-            ["play", "--sedes", "3"],
-            "islandgp: play: expected another option, found --sedes; did you mean --seeds?",
-        ),
-        (
-            ["play", "-", "--seeds", "x"],
-            "islandgp: play: '--seeds': expected a valid integer, found 'x'; `islandgp play -h`",
-        ),
-        (
-            ["play", "-", "--seeds", "0"],
-            "islandgp: play: '--seeds': expected a number from 1 to 100,000, found 0; `islandgp",
-        ),
-        (
-            ["play", "-", "--timeout", "nan"],
-            "islandgp: play: '--timeout': expected a number that is at least 0, found nan; `islan",
-        ),
-        (
-            ["show", "t.bt"],
-            "islandgp: show: 'FILE': there is no file t.bt; `islandgp show -h` shows",
-        ),
-        (
-            ["show", "-", "-o"],
-            "islandgp: expected a value after -o, found none; `islandgp -h`",
-        ),
-        (["show", "-", "x"], "islandgp: show: expected no more words, found x; `islandgp show -h`"),
-        (["export"], "islandgp: export: expected FILE, found none; `islandgp export -h` shows"),
-        (["best"], "islandgp: best: expected RUN, found none; `islandgp best -h` shows what"),
+        (["play"], "islandgp: play: missing argument 'FILES...'; `islandgp play -h` shows what it"),
+        (["play", "--sedes", "3"], "islandgp: play: no such option '--sedes'"),
+        (["play", "-", "--seeds", "x"], "islandgp: play: invalid value for '--seeds': 'x' is not"),
+        (["play", "-", "--seeds", "0"], "islandgp: play: invalid value for '--seeds': 0 is not in"),
+        (["play", "-", "--timeout", "nan"], "islandgp: play: invalid value for '--timeout': nan"),
+        (["show", "t.bt"], "islandgp: show: invalid value for 'FILE': File 't.bt' does not exist"),
+        (["show", "-", "x"], "islandgp: show: got unexpected extra argument (x); `islandgp show"),
         (["best", "nowhere"], "islandgp: Expected a finished run in nowhere, found none; give"),
     ],
 )

@@ -217,9 +217,9 @@ def test_trace_between(islandgp: Cli) -> None:
     ("times", "message"),
     [
         (("--from", 300, "--to", 200), "expected --from before --to, found 300 and 200"),
-        (("--from", "nan"), "expected a number that is at least 0, found nan"),
-        (("--from", -5, "--to", -1), "expected a number that is at least 0, found -5.0"),
-        (("--to", -1), "expected a number that is at least 0, found -1.0"),
+        (("--from", "nan"), "nan is not in the range x>=0"),
+        (("--from", -5, "--to", -1), "-5.0 is not in the range x>=0"),
+        (("--to", -1), "-1.0 is not in the range x>=0"),
     ],
 )
 def test_trace_between_times_that_make_no_sense(
@@ -295,7 +295,7 @@ def test_play_several(islandgp: Cli) -> None:
 
 
 def test_one_world_has_no_interval(islandgp: Cli) -> None:
-    """Its ends are null in JSON, and a dash with a reason for people; so is the deviation."""
+    """Its ends are null in JSON, and a dash for people; so is the deviation."""
     arguments = ("play", GOOD, GOOD, "--seeds", 1, *SHORT)
     first, second = json.loads(islandgp(*arguments, "--json").out)
     assert (second["difference"], second["difference_low"], second["difference_high"]) == (
@@ -303,14 +303,11 @@ def test_one_world_has_no_interval(islandgp: Cli) -> None:
     )
     assert (first["fitness_low"], first["fitness_high"]) == (None, None)
     output = islandgp(*arguments).out
-    assert f"{first['fitness']:,.0f} (-)" in output
-    assert "One world has no interval; --seeds N takes more." in output
+    assert f"{first['fitness']:,.0f} (- to -)" in output
     single_output = islandgp("play", GOOD, "--seeds", 1, *SHORT).out
-    assert "One world has no standard deviation" in single_output
     assert "Tiers, of 1 world:" in single_output
     (row,) = (line.split() for line in single_output.splitlines() if line.startswith("fitness"))
     assert row[2] == "-"
-    assert "standard deviation" not in islandgp("play", GOOD, "--seeds", 2, *SHORT).out
 
 
 def test_a_timeline_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:

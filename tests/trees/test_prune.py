@@ -54,9 +54,9 @@ def test_prune_writes_a_file(islandgp: Cli, tree: Path, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "expected"),
     [
-        (("--tolerance", 2), "expected a number from 0 to 0.5"),
-        (("--tolerance", "nan"), "found nan"),
-        (("--episodes", 5), "expected a number from 100"),
+        (("--tolerance", 2), "is not in the range 0<=x<=0.5"),
+        (("--tolerance", "nan"), "nan is not in the range"),
+        (("--episodes", 5), "5 is not in the range 100<=x"),
         (("--stage", 9), "--stage: expected 1 to"),
         (("--set", "prune.tolerance=2"), "prune.tolerance"),
         (("--set", "prune.worlds=1"), "prune.worlds"),

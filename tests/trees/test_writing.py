@@ -105,7 +105,7 @@ def test_a_pipe_is_written_as_it_is(tree: Path, islandgp: Cli) -> None:
     ("output", "message"),
     [
         ("no dir/x", "no folder no dir"),
-        ("mine.bt/x", "the file mine.bt"),
+        ("mine.bt/x", "mine.bt; give another"),
         ("/proc/x", "No such file or directory"),
     ],
 )
@@ -122,7 +122,7 @@ def test_a_place_that_takes_no_file_is_reported_before_any_work(
     monkeypatch.chdir(tree.parent)
     result = islandgp(*command, tree.name, "-o", output)
     assert (result.code, result.out) == (2, "")
-    assert result.err.startswith(f"islandgp: Expected a place for the file {output}, found: ")
+    assert result.err.startswith(f"islandgp: Expected a place to write {output}, found: ")
     assert message in result.err
     assert result.err.count("\n") == 1
     assert list(tree.parent.iterdir()) == [tree]
