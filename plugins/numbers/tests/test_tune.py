@@ -65,7 +65,7 @@ def test_tune(islandgp: Cli, tmp_path: Path, awake: type[Awake]) -> None:
     value = re.findall(r"low = ([\d.]+)", first.out)[0]
     assert abs(float(value) - 63.4) < 1
     assert first.out == TREE.replace("90.0", value)
-    assert f"  line 2: constant low = 90 becomes {value}\n" in first.err
+    assert f"  line 2: low = 90 becomes {value}\n" in first.err
     assert "Numbers to tune: 1, in at most 1,200 episodes: 20 generations of 12 trees" in first.err
     numbers = r"[-+\d.,]+ points \(95 %: [-+\d.,]+ to [-+\d.,]+\)"
     for line in (f"before: {numbers}", f"after: {numbers}", f"difference: {numbers}, better in 60"):
