@@ -57,14 +57,5 @@ def command(
     else:
         text = (behaviortree_cpp.to_xml if form == "btcpp" else to_python)(tree, vocabulary)
     write_text(output, text)
-    if options.declaration is not None:
-        from islandgp.bt.export.declared import words_as_keys
-
-        for word in words_as_keys(tree, vocabulary):
-            click.echo(
-                f"{word} is taken as a key of the blackboard, as {options.declaration} declares no"
-                " words of keys; if it is a word, declare it in a vocabulary in JSON",
-                err=True,
-            )
     for each in behaviortree_cpp.needs(tree) if form == "btcpp" else ():
         click.echo(f"needs {each}", err=True)

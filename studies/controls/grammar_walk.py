@@ -12,9 +12,9 @@ from pydantic import BaseModel, Field
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import size
 from islandgp.bt.export.grammar import tree_grammar
-from islandgp.bt.export.grammar_walk import random_text
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, RunContext
+from islandgp_judge.grammar_walk import random_text
 
 
 class GrammarWalkSettings(BaseModel, frozen=True, extra="forbid"):

@@ -166,17 +166,6 @@ def test_quoted_texts_are_not_keys() -> None:
     assert {name: key.flag for name, key in vocabulary.keys.items()} == {"hot": True, "mode": False}
 
 
-def test_a_word_that_becomes_a_key_is_reported(islandgp: Cli, tmp_path: Path) -> None:
-    """An export says which word it takes as a key, unless the tree has it on the left as well."""
-    model = tmp_path / "m.xml"
-    model.write_text(TWO_ACTIONS)
-    arguments = ["export", "-", "--to", "btcpp", "--vocabulary", model]
-    tree = "selector { when mode == docking { Charge } %s Patrol }"
-    assert "docking is taken as a key" in islandgp(*arguments, stdin=tree % "").err
-    compared = tree % "when docking < 3 { Charge }"
-    assert "is taken as a key" not in islandgp(*arguments, stdin=compared).err
-
-
 def test_diff_with_a_vocabulary(islandgp: Cli, tmp_path: Path) -> None:
     """The declared facts of actions decide whether two trees do the same."""
     old, new, vocabulary = (tmp_path / name for name in ("old.bt", "new tree.bt", "words.json"))
@@ -235,12 +224,12 @@ def test_the_default_of_a_flag_is_no_or_yes(
 
 
 @pytest.mark.parametrize("default", ["1", "0"])
-def test_another_default_of_a_flag_is_refused_with_its_line(default: str) -> None:
-    """The message has the line, the value that was found and those that are expected."""
+def test_another_default_of_a_flag_is_refused(default: str) -> None:
+    """The message has the place, the value that was found and those that are expected."""
     with pytest.raises(DomainError) as refused:
         declared(FLAG % default, "", name="v.json")
     assert str(refused.value).startswith(
-        f"v.json:5: actions.Go.arguments.fast: expected a default of no | yes, found {default};"
+        f"v.json: actions.Go.arguments.fast: expected a default of no | yes, found {default};"
     )
 
 

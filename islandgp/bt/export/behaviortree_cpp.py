@@ -10,8 +10,7 @@ One tick here is one call of `Tree::tickExactlyOnce()`.
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from typing import Final
 from xml.sax.saxutils import quoteattr
 
@@ -56,10 +55,6 @@ from islandgp.errors import DomainError
 TREE_ID: Final = "Robot"
 HEADER: Final = "islandgp_nodes.hpp"
 
-
-NOTES: Final = ("name", "_description", "_fullpath", "_uid")
-"""Attributes without an effect on the tree; they become comments, `# name: ...`."""
-_NOTE: Final = re.compile(rf"({'|'.join(NOTES)}): (.*)")
 
 _FLAGS: Final = {"no": "false", "yes": "true"}
 _FLAG: Final = Key()
@@ -192,45 +187,26 @@ def _quoted(expr: ConditionExpr) -> ConditionExpr:
 
 def _lines(part: TargetNode, indent: str) -> Iterator[str]:
     """The lines of a part of the plan, each indented by `indent`."""
-    notes: dict[str, str] = {}
-    condition_notes: list[str] = []  # a second note of the same name: of the guard's condition
     for text in part.comments:
-        match = _NOTE.fullmatch(text)
-        if match and match[1] not in notes:
-            notes[match[1]] = match[2]
-        elif match and part.children and part.children[0].target == CHECK:
-            condition_notes.append(text)
-        else:
-            yield f"{indent}<!-- {_comment(text)} -->"
-    notes = {name: notes[name] for name in NOTES if name in notes}
-    if isinstance(part.args, ActionArgs):
-        ports = {name: _value_text(value) for name, value in part.args.values}
-        yield f"{indent}<{part.args.name}{_text_of({**notes, **ports})}/>"
-        return
-    if part.target == SUBTREE:
-        yield f'{indent}<SubTree ID="{subtree_of(part)}" _autoremap="true"{_text_of(notes)}/>'
-        return
-    if part.target == CHECK and isinstance(part.args, GuardArgs):
-        code = quoteattr(_script(part.args.condition))
-        yield f"{indent}<ScriptCondition code={code}{_text_of(notes)}/>"
-        return
-    if isinstance(part.args, AlwaysArgs):
-        yield f"{indent}<Always{part.args.status.capitalize()}{_text_of(notes)}/>"
-        return
-    tag = part.target.tag
-    opening = f"{indent}<{tag}{_text_of({**_attributes(part), **notes})}"
+        yield f"{indent}<!-- {_comment(text)} -->"
+    args, tag = part.args, part.target.tag
+    attributes = _attributes(part)
+    if isinstance(args, ActionArgs):
+        tag, attributes = args.name, {name: _value_text(value) for name, value in args.values}
+    elif part.target == SUBTREE:
+        attributes = {"ID": subtree_of(part), "_autoremap": "true"}
+    elif part.target == CHECK and isinstance(args, GuardArgs):
+        attributes = {"code": _script(args.condition)}
+    elif isinstance(args, AlwaysArgs):
+        tag, attributes = f"Always{args.status.capitalize()}", {}
+    opening = "".join(f" {name}={quoteattr(value)}" for name, value in attributes.items())
     if not part.children:
-        yield f"{opening}/>"
+        yield f"{indent}<{tag}{opening}/>"
         return
-    yield f"{opening}>"
+    yield f"{indent}<{tag}{opening}>"
     for child in part.children:
-        condition = child._replace(comments=(*condition_notes,)) if child.target == CHECK else child
-        yield from _lines(condition, indent + "  ")
+        yield from _lines(child, indent + "  ")
     yield f"{indent}</{tag}>"
-
-
-def _text_of(attributes: Mapping[str, str]) -> str:
-    return "".join(f" {name}={quoteattr(value)}" for name, value in attributes.items())
 
 
 def _with_uses(action: Action) -> str:

@@ -15,12 +15,14 @@ from islandgp.bt.core.node import ActionArgs, Node, as_subtree, commented, guard
 from islandgp.bt.core.parameters import referenced
 from islandgp.bt.core.source import closest, shown
 from islandgp.bt.core.vocabulary import NAME, RESERVED, Vocabulary
-from islandgp.bt.export.behaviortree_cpp import HEADER, NOTES
+from islandgp.bt.export.behaviortree_cpp import HEADER
 from islandgp.bt.export.plan import fresh_name
 from islandgp.bt.export.scripts import read_condition
 from islandgp.bt.export.xml_reader import Element, XmlTrees
 from islandgp.errors import LimitError, TreeError
 
+NOTES: Final = ("name", "_description", "_fullpath", "_uid")
+"""Attributes without an effect on the tree; they become comments, `# name: ...`."""
 SKIPS: Final = ("_skipIf", "_while")
 PRECONDITIONS: Final = ("_failureIf", "_successIf", *SKIPS)
 """Attributes with conditions, in the order in which they are evaluated."""

@@ -8,20 +8,17 @@ comparison is a key, too.
 
 from __future__ import annotations
 
-import json
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from pydantic import ValidationError
 
 from islandgp.bt.core import parameters
-from islandgp.bt.core.arithmetic import Named
-from islandgp.bt.core.condition import OPERATORS
 from islandgp.bt.core.language import domain_of, parse
-from islandgp.bt.core.node import Node, SetArgs, asked_in, walk, written_in
+from islandgp.bt.core.node import SetArgs, asked_in, walk
 from islandgp.bt.core.node_builder import MAX_NUMBER
 from islandgp.bt.core.parameters import (
     Parameter,
@@ -31,6 +28,7 @@ from islandgp.bt.core.parameters import (
     switch,
     whole,
 )
+from islandgp.bt.core.printer import condition_text
 from islandgp.bt.core.source import shown
 from islandgp.bt.core.vocabulary import (
     NAME,
@@ -60,7 +58,8 @@ _TEXT: Final = re.compile("'[^']*'")
 _WRITTEN: Final = re.compile(r"([A-Za-z_]\w*)\s*(?::=|[-+*/]?=(?!=))")
 _WORDS: Final = re.compile(r"([A-Za-z_]\w*)\s*(?::=|[=!]?=)\s*'([^']*)'")
 _WORD: Final = re.compile(
-    r"(?P<before>[<>=!]=|[-+*/<>])?\s*\b(?P<word>[A-Za-z_]\w*)(?=\s*(?P<after>[<>=!]=|[-+*/<>])?)"
+    r"(?P<before>[<>=!]=|[-+*/<>])?\s*\b(?P<word>[A-Za-z_]\w*)"
+    r"(?=\s*(?P<after>[<>=!]=|[-+*/<>]|:?=\s*[-\d])?)"
 )
 
 
@@ -126,53 +125,38 @@ def _port(port: Element) -> Parameter:
     return real("", -MAX_NUMBER, MAX_NUMBER, default=number)
 
 
-def words_as_keys(tree: Node, vocabulary: Vocabulary) -> list[str]:
-    """Words of a tree that a model makes keys, but that may be meant as words of a key.
-
-    These are the words on the right of == and != that the tree compares in no other way.
-    """
-    asked = list(asked_in(tree))
-    equal = ("==", "!=")
-    others = {term.key for term in asked}
-    others |= {k for t in asked if t.operator not in equal or t.other not in t.keys for k in t.keys}
-    undeclared = {name for name, key in vocabulary.keys.items() if key == _NUMBER_KEY}
-    return sorted({term.other for term in asked} & undeclared - others)
-
-
 def _keys_in(model: Element, tree: str, name: str, folder: Path | None) -> dict[str, Key]:
     """The keys of a tree, which is in the tree language, in XML or in JSON.
 
     The scripts of the model's own trees show which texts are words of a key.
     """
     start = tree.lstrip("\ufeff \t\r\n")[:1]
-    scripts = [*_scripts(model)]
     if start == "<":
-        scripts += _scripts(read_xml(tree, name=name))
-        written = frozenset(key for script in scripts for key in _WRITTEN.findall(script))
-        asked = {
-            (match["word"], bool(match["before"] or match["after"]))
-            for script in scripts
-            for match in _WORD.finditer(_TEXT.sub("''", script))
-            if match["word"] not in ("and", "or", "not", "true", "false")
-        }
+        scripts = [*_scripts(model), *_scripts(read_xml(tree, name=name))]
     else:
         is_json = start in ("{", "[")
         root = from_json(tree, name=name) if is_json else parse(tree, name=name, folder=folder)
-        asked = {(key, term.operator in OPERATORS) for term in asked_in(root) for key in term.keys}
-        sets = [node.args.assigned for node in walk(root) if isinstance(node.args, SetArgs)]
-        asked |= {(k, not isinstance(t.number, Named)) for t in sets for k in t.keys}
-        written = written_in(root)
+        sets = (node.args.assigned for node in walk(root) if isinstance(node.args, SetArgs))
+        scripts = [*_scripts(model), *map(condition_text, (*asked_in(root), *sets))]
     words: dict[str, dict[str, None]] = {}  # by key, in the order of the scripts
-    for key, text in (pair for script in scripts for pair in _WORDS.findall(script)):
-        words.setdefault(key, {})[text] = None
+    compared: dict[str, bool] = {}  # by key
+    for script in scripts:
+        for key, text in _WORDS.findall(script):
+            words.setdefault(key, {})[text] = None
+        for match in _WORD.finditer(_TEXT.sub("''", script)):
+            key, beside = match["word"], bool(match["before"] or match["after"])
+            compared[key] = compared.get(key, False) or beside
     enumerated = {
         n: enumeration("", [*texts]) for n, texts in words.items() if all(map(is_name, texts))
     }
-    all_words = {word for key in enumerated.values() for word in key.words}
-    # The pair of a key that is compared somewhere comes last.
-    keys = {key: _NUMBER_KEY if compared else Key("") for key, compared in sorted(asked)}
-    keys = {n: enumerated.get(n, key) for n, key in keys.items() if n not in all_words}
-    for each in written & keys.keys():
+    no_keys = {"and", "or", "not", "true", "false", "yes", "no"}
+    no_keys |= {word for key in enumerated.values() for word in key.words}
+    keys = {
+        key: enumerated.get(key, _NUMBER_KEY if is_number else Key(""))
+        for key, is_number in sorted(compared.items())
+        if key not in no_keys
+    }
+    for each in keys.keys() & {key for script in scripts for key in _WRITTEN.findall(script)}:
         initial = "no" if keys[each].flag else next(iter(keys[each].words), 0.0)
         keys[each] = replace(keys[each], initial=initial)
     return keys
@@ -184,24 +168,12 @@ def _scripts(element: Element) -> Iterator[str]:
         each = waiting.pop()
         if each.tag == "SetBlackboard":
             key, value = (each.attributes.get(n, "").strip("{}") for n in ("output_key", "value"))
-            is_flag, is_text = value in ("true", "false"), NAME.fullmatch(value)
-            form = "{} := {}" if is_flag else "{} := '{}'" if is_text else "{} := {} + 0"
-            yield form.format(key, value)
+            is_text = NAME.fullmatch(value) and value not in ("true", "false")
+            yield f"{key} := '{value}'" if is_text else f"{key} := {value}"
         yield from (each.attributes[a] for a in _SCRIPTS if a in each.attributes)
         if each.tag.startswith("Switch"):
             yield each.attributes.get("variable", "").strip("{}") + " =="
         waiting += each.children
-
-
-def _line(text: str, plain: Any, path: Sequence[str | int]) -> int:
-    """The line of the last key on a path into a JSON text, whose value is `plain`."""
-    at = 0
-    for key in path:
-        if isinstance(plain, dict) and key in plain:
-            match = re.compile(rf"{re.escape(json.dumps(key))}\s*:").search(text, at)
-            at = match.end() if match else at
-            plain = plain[key]
-    return text.count("\n", 0, at) + 1
 
 
 def _schema(text: str, name: str) -> Vocabulary:
@@ -211,13 +183,8 @@ def _schema(text: str, name: str) -> Vocabulary:
         return adapter(Vocabulary).validate_python(declaration)  # type: ignore[no-any-return]
     except ValidationError as error:
         path, reason, _ = first_fault(error)
-        at, line = (
-            ".".join(path) or "the file",
-            _line(text, plain, ("vocabulary", *path, "default")),
-        )
-        raise DomainError(
-            f"{name}:{line}: {at:.100}: {reason}; see `islandgp domain --json`."
-        ) from None
+        at = ".".join(path) or "the file"
+        raise DomainError(f"{name}: {at:.100}: {reason}; see `islandgp domain --json`.") from None
     except DomainError as error:
         raise DomainError(f"{name}: {error}") from None
     except ValueError:

@@ -29,7 +29,6 @@ from islandgp.atomic_files import usable, write_atomic
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Limits, Node, size, within
 from islandgp.bt.export.grammar import tree_grammar
-from islandgp.bt.export.grammar_walk import random_text
 from islandgp.config.settings import Settings
 from islandgp.errors import RunError
 from islandgp.evaluation.base import Job
@@ -64,6 +63,7 @@ from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.supervisor import live_calls, probe
 from islandgp.supervision.llm.transcript import Start, Transcript
 from islandgp.text import in_points
+from islandgp_judge.grammar_walk import random_text
 
 POPULATIONS: Final = Path(__file__).with_name("populations.jsonl.gz")
 FREE: Final = ("rules", "random", "grammar")
