@@ -57,5 +57,5 @@ def command(
     else:
         text = (behaviortree_cpp.to_xml if form == "btcpp" else to_python)(tree, vocabulary)
     write_text(output, text)
-    for each in behaviortree_cpp.needs(tree) if form == "btcpp" else ():
+    for each in behaviortree_cpp.needs(text) if form == "btcpp" else ():
         click.echo(f"needs {each}", err=True)

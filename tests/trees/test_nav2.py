@@ -229,5 +229,5 @@ def test_nodes_of_nav2(head: str) -> None:
     tree = parse(f"{head} {{ Go {'Stay' if head == 'recovery 2' else ''} }}", ROBOT)
     with pytest.raises(DomainError, match=r"export it as XML \(--to btcpp\)"):
         py_trees.to_python(tree, ROBOT)
-    assert "Nav2's" in needs(tree)[0]
+    assert "Nav2's" in needs(to_xml(tree, ROBOT))[0]
     assert read_tree(to_xml(tree, ROBOT), ROBOT).tree == tree

@@ -10,7 +10,8 @@ One tick here is one call of `Tree::tickExactlyOnce()`.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+import re
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Final
 from xml.sax.saxutils import quoteattr
 
@@ -22,6 +23,7 @@ from islandgp.bt.core.condition import (
     terms,
     with_term,
 )
+from islandgp.bt.core.kind import Target
 from islandgp.bt.core.kinds import KINDS, NAV2, TARGETS
 from islandgp.bt.core.node import (
     ActionArgs,
@@ -38,18 +40,8 @@ from islandgp.bt.core.node import (
 from islandgp.bt.core.parameters import Parameter
 from islandgp.bt.core.printer import Named, condition_text, number_text
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Action, Key, Vocabulary
-from islandgp.bt.export.plan import (
-    CHECK,
-    SUBTREE,
-    TargetNode,
-    check_kinds,
-    own_nodes,
-    parts,
-    plan,
-    separated,
-    subtree_of,
-)
 from islandgp.bt.export.scripts import NOT_A_NUMBER
+from islandgp.bt.export.tree_writer import TreeWriter, check_kinds, own_nodes
 from islandgp.errors import DomainError
 
 TREE_ID: Final = "Robot"
@@ -60,7 +52,7 @@ _FLAGS: Final = {"no": "false", "yes": "true"}
 _FLAG: Final = Key()
 
 BUILT_IN: Final = frozenset((
-    *TARGETS, CHECK.tag, "Action", "Condition", "Control", "Decorator", "SubTree",
+    *TARGETS, "ScriptCondition", "Action", "Condition", "Control", "Decorator", "SubTree",
     "AlwaysFailure", "AlwaysSuccess", "AsyncFallback", "AsyncSequence", "EntryUpdated",
     "IfThenElse", "LoopBool", "LoopDouble", "LoopInt", "LoopString", "ManualSelector",
     "ParallelAll", "Precondition", "RetryUntilSuccesful", "RunOnce", "Script",
@@ -69,21 +61,6 @@ BUILT_IN: Final = frozenset((
     "WasEntryUpdated", "WhileDoElse",
 ))  # fmt: skip
 """Names of nodes of the library, of our header and of Nav2, which actions cannot have."""
-
-
-def differs(node: Node) -> bool:
-    """True if the library's node for a parallel, a repetition, a time or a `when` differs."""
-    if node.kind in NAV2:
-        return False
-    if isinstance(node.args, CountArgs):
-        return node.args.times != 1
-    if isinstance(node.args, ParallelArgs):
-        # With one child all policies mean the same; the default is read back from the library's.
-        return len(node.children) > 1 or node.args != ("all", "one")
-    guard = node.guard
-    equal = ("==", "!=")  # the library takes close numbers as equal
-    compares = guard is not None and any(t.operator in equal for t in terms(guard.condition))
-    return isinstance(node.args, SecondsArgs) or compares
 
 
 def to_xml(tree: Node, vocabulary: Vocabulary = EMPTY_VOCABULARY) -> str:
@@ -103,25 +80,25 @@ def to_xml(tree: Node, vocabulary: Vocabulary = EMPTY_VOCABULARY) -> str:
             " rename the action in the domain."
         )
     _check_ports(actions, vocabulary)
-    planned = _with_ports(plan(tree, differs), vocabulary)
-    ours = sorted({part.target for part in parts(planned) if part.target.category})
     identity = TREE_ID if TREE_ID not in actions else f"{TREE_ID}Tree"
+    writer = _XmlWriter(vocabulary, {*BUILT_IN, *actions, *vocabulary.actions, identity})
     # A SubTree does not see entries of the blackboard above whose names begin with _.
-    shared = not any(key.startswith("_") for key in keys_in(tree))
-    reserved = {*BUILT_IN, *actions, *vocabulary.actions, identity}
-    root, subtrees = separated(planned, reserved, keep=shared)
+    writer.shared = not any(key.startswith("_") for key in keys_in(tree))
+    root = writer.node(tree)
+    subtrees = writer.subtrees if writer.shared else {}
     lines = [f'<root BTCPP_format="4" main_tree_to_execute="{identity}">']
-    if ours:
+    if writer.ours:
         lines.append(f"  <!-- Needs {HEADER}: islandgp::register_nodes(factory, seconds). -->")
-    for name, part in {identity: root, **subtrees}.items():
-        lines += [f'  <BehaviorTree ID="{name}">', *_lines(part, "    "), "  </BehaviorTree>", ""]
+    for name, body in {identity: root, **subtrees}.items():
+        indented = (f"    {line}" for line in body)
+        lines += [f'  <BehaviorTree ID="{name}">', *indented, "  </BehaviorTree>", ""]
     lines.append("  <TreeNodesModel>")
     for name in actions:
         action = vocabulary.action(name)
         tag = "Condition" if action.condition else "Action"
         ports = [_port(port, each) for port, each in action.arguments.items()]
         lines += _model(tag, name, ports, _comment(_with_uses(action)))
-    for tag, names, _, category in ours:
+    for tag, names, _, category in sorted(writer.ours):
         lines += _model(category, tag, [f'<input_port name="{name}"/>' for name in names])
     return "\n".join([*lines, "  </TreeNodesModel>", "</root>", ""])
 
@@ -138,13 +115,13 @@ def _check_ports(actions: Iterable[str], vocabulary: Vocabulary) -> None:
                 )
 
 
-def needs(tree: Node) -> list[str]:
-    """What a program needs for the tree's file: our header, Nav2's nodes."""
-    targets = {part.target for part in parts(plan(tree, differs))}
+def needs(xml: str) -> list[str]:
+    """What a program needs for the text of a file: our header, Nav2's nodes."""
     needed = []
-    if any(target.category for target in targets):
+    if f"<!-- Needs {HEADER}" in xml:
         needed.append(f"{HEADER}, which `islandgp export --header -o {HEADER}` writes")
-    if nav2 := sorted(t.tag for t in targets if TARGETS.get(t.tag, ("",))[0] in NAV2):
+    tags = sorted({*re.findall(r"^ *<(\w+)", xml, re.MULTILINE)} & {*TARGETS})
+    if nav2 := [tag for tag in tags if TARGETS[tag][0] in NAV2]:
         clock = ", which measures by the computer's clock" * ("RateController" in nav2)
         needed.append(f"Nav2's {', '.join(nav2)}{clock}")
     return needed
@@ -155,25 +132,90 @@ def header() -> str:
     return own_nodes(HEADER)
 
 
-def _with_ports(part: TargetNode, vocabulary: Vocabulary) -> TargetNode:
-    """The plan with flags of actions and words of keys in the library's form."""
-    args = part.args
-    if isinstance(args, ActionArgs):
-        arguments = vocabulary.action(args.name).arguments
-        flags = {key for key, each in arguments.items() if each.sort == "flag"}
-        values = ((key, _FLAGS.get(str(v), v) if key in flags else v) for key, v in args.values)
-        args = args._replace(values=tuple(values))
-    if isinstance(args, GuardArgs):
-        args = args._replace(condition=_quoted(args.condition))
-    if isinstance(args, SetArgs):
-        number = args.assigned.number
+class _XmlWriter(TreeWriter):
+    """Writes elements."""
+
+    shared = True  # False: subtrees are written in place
+
+    def __init__(self, vocabulary: Vocabulary, reserved: Iterable[str]) -> None:
+        super().__init__(vocabulary, reserved)
+        self.ours: set[Target] = set()  # nodes of our header
+
+    def differs(self, node: Node) -> bool:
+        match node.args:
+            case _ if node.kind in NAV2:
+                return False
+            case CountArgs(times):
+                return times != 1
+            case ParallelArgs():
+                # With one child all policies mean the same; the default is read back as it was.
+                return len(node.children) > 1 or node.args != ("all", "one")
+            case GuardArgs(condition):  # the library takes close numbers as equal
+                return any(term.operator in ("==", "!=") for term in terms(condition))
+        return isinstance(node.args, SecondsArgs)
+
+    def comments(self, texts: Sequence[str]) -> list[str]:
+        return [f"<!-- {_comment(text)} -->" for text in texts]
+
+    def use(self, name: str, lines: list[str]) -> list[str]:
+        return [f'<SubTree ID="{name}" _autoremap="true"/>'] if self.shared else lines
+
+    def element(self, node: Node, observed: bool) -> list[str]:
+        match node.args:
+            case ActionArgs(name, values):
+                arguments = self.vocabulary.action(name).arguments
+                flags = {key for key, each in arguments.items() if each.sort == "flag"}
+                ports = {k: _FLAGS.get(str(v), v) if k in flags else v for k, v in values}
+                return _element(name, ports)
+            case AlwaysArgs("running"):
+                return _element("KeepRunningUntilFailure", {}, ["<AlwaysSuccess/>"])
+            case AlwaysArgs(status):
+                return _element(f"Always{status.capitalize()}", {})
+            case SetArgs(assigned):
+                return _element("Script", {"code": self._assignment(assigned)})
+        inside = [line for lines in self.children(node, observed) for line in lines]
+        if node.kind == "until_success":
+            for tag in ("Inverter", "KeepRunningUntilFailure", "Inverter"):
+                inside = _element(tag, {}, inside)
+            return inside
+        target = self.target(node, observed)
+        if isinstance(node.args, GuardArgs) and target is None:
+            check = _element("ScriptCondition", {"code": _script(_quoted(node.args.condition))})
+            tag = "ReactiveSequence" if node.args.checks_itself else "Sequence"
+            return _element(tag, {}, [*check, *inside])
+        assert target is not None  # as check_kinds says
+        self.ours |= {target} if target.category else set()
+        return _element(target.tag, _attributes(node, target), inside)
+
+    def _assignment(self, assigned: Condition) -> str:
+        number = assigned.number
         if isinstance(number, Named):
-            flag = number.name in _FLAGS and vocabulary.keys.get(args.assigned.key, _FLAG).flag
-            text = _FLAGS[number.name] if flag else f"'{number.name}'"
-            args = SetArgs(args.assigned._replace(number=Named(text, number)))
-        args = SetArgs(args.assigned._replace(operator=":="))
-    children = tuple(_with_ports(child, vocabulary) for child in part.children)
-    return part._replace(args=args, children=children)
+            flag = number.name in _FLAGS and self.vocabulary.keys.get(assigned.key, _FLAG).flag
+            number = Named(_FLAGS[number.name] if flag else f"'{number.name}'", number)
+        return condition_text(assigned._replace(number=number, operator=":="))
+
+
+def _element(tag: str, attributes: Mapping[str, object], inside: Sequence[str] = ()) -> list[str]:
+    """The lines of an element."""
+    pairs = (f" {name}={quoteattr(_value_text(value))}" for name, value in attributes.items())
+    opening = f"<{tag}{''.join(pairs)}"
+    if not inside:
+        return [f"{opening}/>"]
+    return [f"{opening}>", *(f"  {line}" for line in inside), f"</{tag}>"]
+
+
+def _attributes(node: Node, target: Target) -> dict[str, object]:
+    """The attributes of a node with children."""
+    values: Sequence[object] = node.args
+    if target == KINDS["parallel"].stock:
+        values = -1, 1
+    elif isinstance(node.args, GuardArgs):
+        values = condition_text(_quoted(node.args.condition)), node.args.abort
+    elif target == KINDS["round_robin"].stock:
+        values = ("true",)
+    elif target == KINDS["every"].stock and isinstance(node.args, SecondsArgs):
+        values = (float(f"{1 / node.args.seconds:.12g}"),)
+    return dict(zip(target.ports, values, strict=False))
 
 
 def _quoted(expr: ConditionExpr) -> ConditionExpr:
@@ -183,30 +225,6 @@ def _quoted(expr: ConditionExpr) -> ConditionExpr:
             quoted = Named(f"'{term.number.name}'", term.number)
             expr = with_term(expr, index, term._replace(number=quoted)) or expr
     return expr
-
-
-def _lines(part: TargetNode, indent: str) -> Iterator[str]:
-    """The lines of a part of the plan, each indented by `indent`."""
-    for text in part.comments:
-        yield f"{indent}<!-- {_comment(text)} -->"
-    args, tag = part.args, part.target.tag
-    attributes = _attributes(part)
-    if isinstance(args, ActionArgs):
-        tag, attributes = args.name, {name: _value_text(value) for name, value in args.values}
-    elif part.target == SUBTREE:
-        attributes = {"ID": subtree_of(part), "_autoremap": "true"}
-    elif part.target == CHECK and isinstance(args, GuardArgs):
-        attributes = {"code": _script(args.condition)}
-    elif isinstance(args, AlwaysArgs):
-        tag, attributes = f"Always{args.status.capitalize()}", {}
-    opening = "".join(f" {name}={quoteattr(value)}" for name, value in attributes.items())
-    if not part.children:
-        yield f"{indent}<{tag}{opening}/>"
-        return
-    yield f"{indent}<{tag}{opening}>"
-    for child in part.children:
-        yield from _lines(child, indent + "  ")
-    yield f"{indent}</{tag}>"
 
 
 def _with_uses(action: Action) -> str:
@@ -220,22 +238,7 @@ def _comment(text: str) -> str:
     return "".join(c for c in text if c.isprintable()).replace("--", "- -").replace("--", "- -")
 
 
-def _attributes(part: TargetNode) -> dict[str, str]:
-    """The attributes of a node with children, other than notes."""
-    args = part.args
-    values: Iterable[object] = args
-    if part.target == KINDS["parallel"].stock:
-        values = -1, 1
-    elif part.target == KINDS["round_robin"].stock:
-        values = ("true",)
-    elif part.target == KINDS["every"].stock and isinstance(args, SecondsArgs):
-        values = (float(f"{1 / args.seconds:.12g}"),)
-    return dict(zip(part.target.ports, map(_value_text, values), strict=False))
-
-
 def _value_text(value: object) -> str:
-    if isinstance(value, Condition | Compound):
-        return condition_text(value)
     return number_text(value) if isinstance(value, int | float) else str(value)
 
 

@@ -16,8 +16,8 @@ from islandgp.bt.core.parameters import referenced
 from islandgp.bt.core.source import closest, shown
 from islandgp.bt.core.vocabulary import NAME, RESERVED, Vocabulary
 from islandgp.bt.export.behaviortree_cpp import HEADER
-from islandgp.bt.export.plan import fresh_name
 from islandgp.bt.export.scripts import read_condition
+from islandgp.bt.export.tree_writer import fresh_name
 from islandgp.bt.export.xml_reader import Element, XmlTrees
 from islandgp.errors import LimitError, TreeError
 

@@ -56,7 +56,6 @@ from islandgp.bt.export.cpp_importer import (
     tag_of,
     unless,
 )
-from islandgp.bt.export.plan import CHECK
 from islandgp.bt.export.scripts import read_assignments
 from islandgp.bt.export.xml_reader import Element, read_xml
 from islandgp.errors import TreeError
@@ -387,7 +386,7 @@ READERS: Final[Mapping[str, Reader]] = {
     "Sleep": _timed,
     "Script": _set,
     "SetBlackboard": _set,
-    CHECK.tag: _check,
+    "ScriptCondition": _check,
     "AlwaysSuccess": _always,
     "AlwaysFailure": _always,
     "IfThenElse": _branching,

@@ -11,14 +11,13 @@ from __future__ import annotations
 import builtins
 import keyword
 import re
-from collections.abc import Iterator
+from collections.abc import Sequence
 from inspect import getsource
 from typing import Final
 
 from islandgp.bt.core.arithmetic import Formula, divide, python
 from islandgp.bt.core.condition import Compound, Condition, ConditionExpr, terms
-from islandgp.bt.core.kind import Target
-from islandgp.bt.core.kinds import KINDS, NAV2
+from islandgp.bt.core.kinds import NAV2
 from islandgp.bt.core.language import to_text
 from islandgp.bt.core.node import (
     ActionArgs,
@@ -37,16 +36,7 @@ from islandgp.bt.core.node import (
 from islandgp.bt.core.parameters import bound, referenced
 from islandgp.bt.core.printer import Named, condition_text, head, number_text
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
-from islandgp.bt.export.plan import (
-    SUBTREE,
-    TargetNode,
-    check_kinds,
-    own_nodes,
-    parts,
-    plan,
-    separated,
-    subtree_of,
-)
+from islandgp.bt.export.tree_writer import TreeWriter, check_kinds, own_nodes
 from islandgp.errors import DomainError
 
 _SUBTREE: Final = '''def {name}(action, step_s):
@@ -55,15 +45,6 @@ _SUBTREE: Final = '''def {name}(action, step_s):
 
 
 '''
-_COUNTER: Final = Target("TickCounter", (), "TickCounter('ticks', child=")
-
-
-def differs(node: Node) -> bool:
-    """True if the library's node for a parallel, a time or a `when` behaves differently."""
-    if not isinstance(node.args, ParallelArgs):
-        return isinstance(node.args, SecondsArgs | GuardArgs)
-    success, failure = node.args.needed(len(node.children))
-    return failure > 1 or success not in (1, len(node.children))
 
 
 def to_python(tree: Node, vocabulary: Vocabulary = EMPTY_VOCABULARY) -> str:
@@ -79,9 +60,6 @@ def to_python(tree: Node, vocabulary: Vocabulary = EMPTY_VOCABULARY) -> str:
             f"Expected arguments without keys, as py_trees builds an action once, found"
             f' "{{{min(given)}}}"; export it as XML (--to btcpp), or read the key in the action.'
         )
-    planned = _bound(plan(tree, differs), vocabulary)
-    if any(part.target == KINDS["cooldown"].ours for part in parts(planned)):
-        planned = TargetNode(_COUNTER, (), (planned,))
     assigned = (node.args.assigned for node in walk(tree) if isinstance(node.args, SetArgs))
     divides = any(term.divides for term in (*asked_in(tree), *assigned))
     nodes = _node_source() + f"import math\n\n\n{getsource(divide)}\n\n" * divides
@@ -98,8 +76,12 @@ def to_python(tree: Node, vocabulary: Vocabulary = EMPTY_VOCABULARY) -> str:
             text += f"\n    {name} uses {', '.join(uses)}, which no other action may use at once.\n"
     module = own_nodes("tree_module.txt")
     reserved = {*re.findall(r"\w+", module + nodes), *keyword.kwlist, *dir(builtins)}
-    root, subtrees = separated(planned, reserved)
-    functions = [_SUBTREE.format(name=name, tree=_body(part)) for name, part in subtrees.items()]
+    writer = _PythonWriter(vocabulary, reserved)
+    root = writer.node(tree)
+    if any(node.kind == "cooldown" for node in walk(tree)):
+        root = _call("TickCounter('ticks', child=", [root])
+    subtrees = writer.subtrees.items()
+    functions = [_SUBTREE.format(name=name, tree=_body(lines)) for name, lines in subtrees]
     return module.format(
         text=_in_docstring(text),
         keys=_in_docstring(keys).rstrip("\n"),
@@ -109,21 +91,12 @@ def to_python(tree: Node, vocabulary: Vocabulary = EMPTY_VOCABULARY) -> str:
     )
 
 
-def _bound(part: TargetNode, vocabulary: Vocabulary) -> TargetNode:
-    """The plan with all arguments of actions as `Tree.bind` passes them to a leaf's function."""
-    args = part.args
-    if isinstance(args, ActionArgs) and (parameters := vocabulary.action(args.name).arguments):
-        args = args._replace(values=tuple(bound(args, parameters).items()))
-    children = tuple(_bound(child, vocabulary) for child in part.children)
-    return part._replace(args=args, children=children)
-
-
 def _in_docstring(text: str) -> str:
     return text.replace("\\", "\\\\").replace('"""', "'''")
 
 
-def _body(part: TargetNode) -> str:
-    return "\n".join(_lines(part, "    ")).strip().removesuffix(",")
+def _body(lines: list[str]) -> str:
+    return "\n".join(f"    {line}" for line in lines).strip().removesuffix(",")
 
 
 def _node_source() -> str:
@@ -132,44 +105,68 @@ def _node_source() -> str:
     return text[text.index("class SetKey(") :].rstrip() + "\n\n\n"
 
 
-def _lines(part: TargetNode, indent: str) -> Iterator[str]:
-    opening = _opening(part)
-    if not part.children:
-        yield f"{indent}{opening}),"
-        return
-    yield f"{indent}{opening}"
-    for child in part.children:
-        yield from _lines(child, indent + "    ")
-    yield f"{indent})," if opening.endswith("child=") else f"{indent}]),"
+class _PythonWriter(TreeWriter):
+    """Writes calls of classes, each with a comma behind it."""
+
+    def differs(self, node: Node) -> bool:
+        if not isinstance(node.args, ParallelArgs):
+            return isinstance(node.args, SecondsArgs | GuardArgs)
+        success, failure = node.args.needed(len(node.children))
+        return failure > 1 or success not in (1, len(node.children))
+
+    def comments(self, texts: Sequence[str]) -> list[str]:  # noqa: ARG002 -- a module has none
+        return []
+
+    def use(self, name: str, lines: list[str]) -> list[str]:  # noqa: ARG002
+        return [f"{name}(action, step_s),"]
+
+    def element(self, node: Node, observed: bool) -> list[str]:
+        match node.args:
+            case ActionArgs(name, values):
+                parameters = self.vocabulary.action(name).arguments
+                arguments = bound(node.args, parameters) if parameters else dict(values)
+                if any(map(keyword.iskeyword, arguments)):
+                    return [f"action({name!r}, **{arguments!r}),"]
+                given = "".join(f", {key}={value!r}" for key, value in arguments.items())
+                return [f"action({name!r}{given}),"]
+            case AlwaysArgs("running"):
+                return _call("SuccessIsRunning('always running', child=", [["Success('success'),"]])
+            case AlwaysArgs(status):
+                return [f"{status.capitalize()}('always {status}'),"]
+        children = self.children(node, observed)
+        if node.kind == "until_success":
+            children = [_call("Inverter('inverter', child=", children)]
+            children = [_call("SuccessIsRunning('until_failure', child=", children)]
+            return _call("Inverter('inverter', child=", children)
+        target = self.target(node, observed)
+        assert target is not None  # as check_kinds says
+        return _call(target.python.format(**_values(node)), children)
 
 
-def _opening(part: TargetNode) -> str:
-    """The Python text before a node's children."""
-    args = part.args
-    match args:
-        case _ if part.target == SUBTREE:
-            return f"{subtree_of(part)}(action, step_s"
-        case ActionArgs(name, arguments):
-            if any(keyword.iskeyword(key) for key, _ in arguments):
-                return f"action({name!r}, **{dict(arguments)!r}"
-            return f"action({name!r}" + "".join(f", {key}={value!r}" for key, value in arguments)
-        case AlwaysArgs(status):
-            return f"{status.capitalize()}('always {status}'"
+def _call(opening: str, children: Sequence[list[str]]) -> list[str]:
+    """The lines of a call; the opening ends before the child or the list of children."""
+    end = ")," if opening.endswith("child=") or not children else "]),"
+    if not children:
+        return [f"{opening}{end}"]
+    return [opening, *(f"    {line}" for lines in children for line in lines), end]
+
+
+def _values(node: Node) -> dict[str, object]:
+    """What the text of a `Target` has in braces."""
+    match node.args:
         case GuardArgs(condition, abort):
-            values = {"condition": _condition(condition), "abort": abort}
-        case ParallelArgs(success):
+            return {"condition": _condition(condition), "abort": abort}
+        case ParallelArgs(success, failure):
             one = success in ("one", 1)
             policy = "SuccessOnOne()" if one else "SuccessOnAll(synchronise=True)"
-            values = {**args._asdict(), "name": head(Node("parallel", args)), "policy": policy}
+            return {"success": success, "failure": failure, "name": head(node), "policy": policy}
         case SecondsArgs(seconds):
-            values = {"seconds": number_text(seconds)}
+            return {"seconds": number_text(seconds)}
         case SetArgs(assigned):
-            values = {"assignment": _assignment(assigned)}
+            return {"assignment": _assignment(assigned)}
         case CountArgs(times):
-            values = {"count": f"{times:.0f}"}
-        case _:
-            return part.target.python
-    return part.target.python.format(**values)
+            return {"count": f"{times:.0f}"}
+    return {}
 
 
 def _assignment(assigned: Condition) -> str:

@@ -1,0 +1,111 @@
+"""Writes trees for other libraries.
+
+A node becomes the library's own where that means the same, and otherwise one of `nodes/`. A
+selector or sequence that observes guards becomes an interruptible one, and its guards `When` nodes.
+"""
+
+from __future__ import annotations
+
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+
+from islandgp.bt.analysis.context import has_interrupting_guard
+from islandgp.bt.core.kind import Target
+from islandgp.bt.core.kinds import kind_of
+from islandgp.bt.core.node import Node, marks_of, walk
+from islandgp.bt.core.vocabulary import Vocabulary
+from islandgp.errors import DomainError
+
+
+class TreeWriter(ABC):
+    """Writes the nodes of a tree, and collects its named subtrees."""
+
+    def __init__(self, vocabulary: Vocabulary, reserved: Iterable[str]) -> None:
+        """`reserved`: names that no subtree can have."""
+        self.vocabulary = vocabulary
+        self.subtrees: dict[str, list[str]] = {}  # lines by name, each before its users
+        self._names: dict[tuple[str, tuple[str, ...]], str] = {}
+        self._taken = set(reserved)
+
+    def node(self, node: Node, *, observed: bool = False) -> list[str]:
+        """The lines of a node.
+
+        A subtree that differs between its uses, by its numbers or because its guards are observed
+        in one of them, becomes several: `recharge_20`, `recharge_30`.
+
+        Args:
+            node: with the names of subtrees and comments.
+            observed: a composite above observes guards here, through decorators.
+        """
+        *uses, own = marks_of(node)
+        lines = [*self.comments(own.comments.lines), *self.element(node, observed)]
+        for mark in reversed(uses):
+            key = mark.name, tuple(lines)
+            if key not in self._names:
+                self._names[key] = fresh_name(mark.name, self._taken)
+                self._taken.add(self._names[key])
+                self.subtrees[self._names[key]] = lines
+            lines = [*self.comments(mark.comments.lines), *self.use(self._names[key], lines)]
+        return lines
+
+    def children(self, node: Node, observed: bool) -> list[list[str]]:
+        """The lines of a node's children."""
+        observes = [observed and kind_of(node).decorates] * len(node.children)
+        if kind_of(node).remembers_branch:
+            observes = [*map(has_interrupting_guard, node.children[:-1]), False]
+        pairs = zip(node.children, observes, strict=True)
+        return [self.node(child, observed=each) for child, each in pairs]
+
+    def target(self, node: Node, observed: bool) -> Target | None:
+        """The node of the library, or ours; None for a `when` whose meaning the library has."""
+        kind = kind_of(node)
+        if kind.remembers_branch:
+            is_ours = any(map(has_interrupting_guard, node.children[:-1]))
+        elif node.guard:
+            is_ours = observed or has_interrupting_guard(node) or self.differs(node)
+        else:
+            is_ours = kind.stock is None or self.differs(node)
+        return kind.ours if is_ours else kind.stock
+
+    @abstractmethod
+    def differs(self, node: Node) -> bool:
+        """True if the library's node for a parallel, a repetition, a time or a `when` differs."""
+
+    @abstractmethod
+    def element(self, node: Node, observed: bool) -> list[str]:
+        """The lines of a node without comments and the names of subtrees."""
+
+    @abstractmethod
+    def use(self, name: str, lines: list[str]) -> list[str]:
+        """The lines of the use of a subtree, whose own lines are given."""
+
+    @abstractmethod
+    def comments(self, texts: Sequence[str]) -> list[str]:
+        """The lines of comments."""
+
+
+def check_kinds(tree: Node, rejected_kinds: Iterable[str], other: str) -> None:
+    """Raises DomainError for a tree with one of these kinds; `other`: the format for them."""
+    if missing := {node.kind for node in walk(tree)}.intersection(rejected_kinds):
+        raise DomainError(
+            f"Expected a tree without {min(missing)}, for which the library has no node; export it"
+            f" as {other}, or run it in Python (load_tree) or by a plug-in such as that of ROS."
+        )
+
+
+def fresh_name(name: str, taken: set[str]) -> str:
+    """A valid name like `name` that is not in `taken`: recharge_20_3 for `recharge(20, 3)`."""
+    prefix = re.sub(r"[^A-Za-z0-9_]+", "_", name.replace("-", "minus_").removesuffix(")"))
+    prefix = prefix if prefix[:1].isalpha() or prefix[:1] == "_" else f"tree_{prefix}"
+    candidate, number = prefix, 1
+    while candidate in taken:
+        number += 1
+        candidate = f"{prefix}_{number}"
+    return candidate
+
+
+def own_nodes(name: str) -> str:
+    """The text of a file in `nodes`."""
+    return (Path(__file__).parent / "nodes" / name).read_text(encoding="utf-8")
