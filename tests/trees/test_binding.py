@@ -341,7 +341,7 @@ def test_conditions_in_code() -> None:
     assert tree.bind(leaves).tick() is NodeStatus.RUNNING
     with pytest.raises(DomainError, match="True or False from the condition IsClear"):
         tree.bind({**leaves, "IsClear": lambda to: RUNNING}).tick()  # noqa: ARG005
-    with pytest.raises(DomainError, match="which is a condition"):
+    with pytest.raises(DomainError, match="of a condition"):
         Vocabulary("robot", {"IsClear": Action("asks", condition=True)}, {})
 
 
