@@ -73,6 +73,22 @@ def _added_command(name: str) -> click.Command | None:
     )
 
 
+MEANT: Final = {
+    "run": "evolve train optimize optimise resume start sweep",
+    "compare": "plot report stats analyze analyse",
+    "best": "results result winner champion",
+    "play": "evaluate eval simulate test",
+    "replay": "view visualize visualise video animate",
+    "show": "draw print cat",
+    "check": "lint validate",
+    "fmt": "format",
+    "new": "init create",
+    "export": "convert save",
+    "ui": "mlflow dashboard",
+}
+"""Words for which there is a command of another name."""
+
+
 class Lazy(click.Group):
     """Imports a subcommand when it is used, so `--help` is fast."""
 
@@ -95,7 +111,8 @@ class Lazy(click.Group):
         """The subcommand in `args`. Raises click.UsageError with the nearest name."""
         word, names = args[0], self.list_commands(ctx)
         if word not in names and not word.startswith("-"):
-            near = get_close_matches(word, names, 1, 0.5)
+            near = [name for name, words in MEANT.items() if word in words.split()]
+            near = near or get_close_matches(word, names, 1, 0.5)
             hint = f"; did you mean {near[0]}?" if near else ""
             raise click.UsageError(f"expected a command, found {word!r}{hint}", ctx)
         return super().resolve_command(ctx, args)
@@ -131,6 +148,8 @@ def one_line(error: click.ClickException) -> str:
     context = getattr(error, "ctx", None)
     path = context.command_path if context else "islandgp"
     text = " ".join(error.format_message().split()).rstrip(".")
+    if path == "islandgp" and isinstance(error, click.NoSuchOption):
+        text += f"; settings are written as islandgp run {error.option_name.lstrip('-')}=VALUE"
     line = f"{path.replace(' ', ': ')}: {text[:1].lower()}{text[1:400]}"
     return f"{line}; `{path} -h` shows what it takes"
 

@@ -51,8 +51,9 @@ def only_job(overrides: Sequence[str], config_dir: str | Path | None = None) -> 
             " experiment for each value, for a folder of your own give config_dir."
         )
     flags = ["--config-dir", str(config_dir)] if config_dir is not None else []
-    (job,) = planned(get_args_parser().parse_args([*flags, "--run", *overrides]), flags, Path.cwd())
-    must_be_read([job])
+    args = get_args_parser().parse_args([*flags, "--run", *overrides])
+    (job,) = planned(args, flags, Path.cwd())
+    must_be_read([job], ConfigSource.of(args))
     return job
 
 

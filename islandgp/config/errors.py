@@ -84,6 +84,9 @@ def explain(error: Exception, overrides: Sequence[str], source: ConfigSource) ->
         loader = source.loader()
         choices = [o for o in overrides if loader.get_group_options(o.partition("=")[0])]
         config = OmegaConf.to_container(source.compose(choices), resolve=False)
+        for search in source.options("search") if match[1].startswith("allocation.") else ():
+            if OmegaConf.select(source.compose([f"search={search}"]), match[1]) is not None:
+                return f"{match[1]}: not a slot of the chosen search; search={search} has it."
         return unknown_key(match[1], config)
     if match := re.search(UNKNOWN_OPTION, text):
         return unknown_option(match[1], match[2], re.findall(r"^\t(\S+)$", match[3], re.MULTILINE))

@@ -6,11 +6,17 @@ A search and a supervisor declare keys of other groups in `Settings.reads`, and 
 
 from __future__ import annotations
 
+import sys
 from collections.abc import Collection, Iterator, Sequence
-from typing import TYPE_CHECKING, Final
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final, cast
 
-from islandgp.config.settings import Settings
-from islandgp.errors import ConfigError
+from omegaconf import OmegaConf
+
+from islandgp.config.errors import USER_ERRORS
+from islandgp.config.settings import Settings, read_settings
+from islandgp.config.sources import ConfigSource
+from islandgp.errors import ConfigError, IslandError
 from islandgp.gp.plan import RUN_READS, is_read
 from islandgp.records.parameters import key_of
 
@@ -67,8 +73,12 @@ def acts(key: str, keys: Collection[str]) -> bool:
     return key.partition(".")[0] not in SELECTIVE or is_read(key, keys)
 
 
-def must_be_read(jobs: Sequence[Planned]) -> None:
-    """Raises ConfigError if a job does not read a key that is swept over, or none a fixed one."""
+def must_be_read(jobs: Sequence[Planned], source: ConfigSource) -> None:
+    """Checks that the jobs of a command read what it sets; warns of keys in the user's files.
+
+    Raises:
+        ConfigError: a job does not read a key that is swept over, or no job reads a fixed one.
+    """
     keys = [keys_read(job.settings) for job in jobs]
     given = [{key_of(override): override for override in job.overrides} for job in jobs]
     fixed = set.intersection(*({*overrides.values()} for overrides in given))
@@ -77,9 +87,39 @@ def must_be_read(jobs: Sequence[Planned]) -> None:
             among = keys if override in fixed else [own]
             if any(acts(key, each) for each in among) or (key == "supervisor" and among is keys):
                 continue  # a fixed supervisor names the run
-            if key == "gp.generations":
-                reason = "budget.episodes sets it; leave one of the two out"
-            else:
-                search, supervisor = job.settings.search.name, job.settings.supervisor.name
-                reason = f"search={search} with supervisor={supervisor} does not; leave it out"
-            raise ConfigError(f"{override}: expected a key that the run reads, but {reason}.")
+            raise ConfigError(f"{override}: {_unread(job.settings, [key], source)}")
+    dead: dict[Path, list[str]] = {}
+    for file, key in source.keys_of_user(jobs[0].overrides, jobs[0].config):
+        if not any(acts(key, each) for each in keys):
+            dead.setdefault(file, []).append(key)
+    for file, names in dead.items():
+        print(f"islandgp: {file}: {_unread(jobs[0].settings, names, source)}", file=sys.stderr)
+
+
+def _unread(settings: Settings, dead: Sequence[str], source: ConfigSource) -> str:
+    """The sentence that a configuration does not read keys, with a choice that does."""
+    names = ", ".join(dead)
+    if "gp.generations" in dead:
+        return f"budget.episodes={settings.budget.episodes} sets gp.generations; leave one out."
+    choice = f"search={settings.search.name}"
+    if dead[0].startswith(("library", "supervisor")):
+        choice += f" with supervisor={settings.supervisor.name}"
+    other = next(_choices(settings, dead, source), "")
+    remedy = f"{other} does; choose it, or leave the key out." if other else "leave it out."
+    return f"{choice} does not read {names}; {remedy}"
+
+
+def _choices(settings: Settings, dead: Sequence[str], source: ConfigSource) -> Iterator[str]:
+    """The options of `search`, then of `supervisor`, with which a run reads these keys."""
+    for group in ("search", "supervisor"):
+        for option in source.options(group):
+            try:
+                composed = source.compose([f"{group}={option}"])
+                OmegaConf.set_struct(composed, value=False)
+                del composed["hydra"]  # its values are resolved only when Hydra runs
+                other = read_settings(cast(Any, OmegaConf.to_container(composed, resolve=True)))
+            except (*USER_ERRORS, IslandError):  # it needs more than this choice
+                continue
+            keys = keys_read(settings.model_copy(update={group: getattr(other, group)}))
+            if all(acts(key, keys) for key in dead):
+                yield f"{group}={option}"

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from threading import Lock
-from typing import Final, Self
+from typing import Any, Final, Self
 
 from hydra import compose, initialize_config_dir
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
@@ -19,11 +19,13 @@ from hydra.core.global_hydra import GlobalHydra
 from hydra.core.object_type import ObjectType
 from hydra.core.plugins import Plugins
 from hydra.plugins.search_path_plugin import SearchPathPlugin
-from omegaconf import DictConfig
+from hydra.types import RunMode
+from omegaconf import Container, DictConfig, OmegaConf
 
 from islandgp.errors import ConfigError
 from islandgp.gate import set_user_folder
 from islandgp.installed import CONF, conf_folders, hidden
+from islandgp.records.parameters import flatten
 from islandgp.resources import resource
 
 COMPOSE_LOCK: Final = Lock()  # Hydra composes one configuration at a time in a process
@@ -81,9 +83,41 @@ class ConfigSource:
             path.append("command-line", f"file://{self.user_folder}")
         return ConfigLoaderImpl(path)
 
+    def keys_of_user(
+        self, overrides: Sequence[str], values: Mapping[str, Any]
+    ) -> Iterator[tuple[Path, str]]:
+        """The keys that files of the user set to other values than the package does by default.
+
+        Args:
+            overrides: of a job.
+            values: the plain configuration of the job.
+
+        Yields:
+            A file and a dotted key.
+        """
+        package = resource("conf").resolve()
+        folders = {self.folder, self.user_folder or package} - {package}
+        if not folders:
+            return
+        usual = _flat(ConfigSource(package, "config", None).compose([]))
+        own = flatten(values)
+        entries = self.loader().compute_defaults_list(self.name, list(overrides), RunMode.RUN)
+        for entry in entries.defaults:
+            for file in (folder / f"{entry.config_path}.yaml" for folder in folders):
+                for inner in _flat(OmegaConf.load(file)) if file.is_file() else ():
+                    key = f"{entry.package or ''}.{inner}".lstrip(".")
+                    if key in own and own[key] != usual.get(key):
+                        yield file, key
+
     def options(self, group: str) -> list[str]:
         """The options of a group: the names of its files."""
         return sorted(self.loader().get_group_options(group, ObjectType.CONFIG))
+
+
+def _flat(config: Container) -> dict[str, Any]:
+    """The values by dotted keys."""
+    plain = OmegaConf.to_container(config)
+    return flatten({str(k): v for k, v in plain.items()}) if isinstance(plain, dict) else {}
 
 
 def _must_have_own_names(user_folder: Path, folder: Path) -> None:

@@ -94,7 +94,7 @@ def _run_all(args: argparse.Namespace, argv: list[str], home: Path) -> int:
         jobs.append(job)
         if len(jobs) % 100 == 0:
             print(f"islandgp: {len(jobs)} configurations checked", file=sys.stderr)
-    must_be_read(jobs)
+    must_be_read(jobs, ConfigSource.of(args))
     for job in jobs:
         if not choose(RunFolder(job.folder), job.settings, redacted(job.config)).finished():
             check_parts(job.settings)

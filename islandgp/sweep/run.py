@@ -23,7 +23,7 @@ from islandgp.running.report import MOSTLY_FALLBACK, is_mostly_fallback
 from islandgp.running.resume import choose, differences
 from islandgp.sweep.folder import SweepFolder, SweepJob
 from islandgp.sweep.launch import SweepTask, jobs_at_once, kind_of, launch
-from islandgp.sweep.summary import arm_table, arms, identical_arms
+from islandgp.sweep.summary import arm_table, arms, identical_arms, power_line
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +65,8 @@ def run_sweep(planned: Sequence[Planned], command: str, home: Path) -> int:
             sweep.open(command, [job.entry for job in jobs if job.sweep.path == path])
             stack.callback(sweep.close)
             remove_leftovers(path, "sweep.json.*")
+            if (file := sweep.read()) is not None and (line := power_line(file)):
+                echo(line)
         try:
             _launch(jobs, home)
         except KeyboardInterrupt:

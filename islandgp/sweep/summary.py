@@ -9,17 +9,19 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from hashlib import sha256
-from math import inf
+from math import inf, pi, sqrt
 from pathlib import Path
 from statistics import fmean, median, stdev
 from textwrap import indent
-from typing import Any
+from typing import Any, Final
 
 from islandgp.records.folder import Status
 from islandgp.records.parameters import TASK
 from islandgp.records.values import fallback_words, validation_mean
 from islandgp.sweep.folder import SweepFile, SweepFolder, SweepJob
 from islandgp.text import in_points, title
+
+LEAST_PAIRS: Final = 6  # with fewer, no signed-rank test has p < 0.05
 
 
 @dataclass(frozen=True, slots=True)
@@ -42,6 +44,28 @@ def arms(sweep: SweepFolder, file: SweepFile) -> list[ArmSummary]:
         results = tuple(sweep.run(job).summary() for job in finished)
         summaries.append(ArmSummary(name, tuple(jobs), finished, results, own_scale))
     return summaries
+
+
+def power_line(file: SweepFile) -> str:
+    """What a paired test of two arms can show with the seeds of a sweep; "" for a single arm.
+
+    The smallest difference that Wilcoxon's signed-rank test finds with 80 % power at 0.05 is
+    (1.96 + 0.84) / sqrt((n - 3) 3 / pi) standard deviations of the pairs' differences: the normal
+    approximation with the test's efficiency. It is within 8 % of simulations for 6 to 60 pairs.
+    """
+    seeds = [len({job.seed for job in jobs}) for jobs in file.arms().values()]
+    if len(seeds) < 2:
+        return ""
+    if (n := min(seeds)) < LEAST_PAIRS:
+        return (
+            f"Seeds: {n} an arm, with which no paired test can show a difference (least p"
+            f" {min(1, 2 / 2**n):.2g}); {LEAST_PAIRS} can."
+        )
+    return (
+        f"Seeds: {n} an arm; a paired test finds a difference of about"
+        f" {2.8 / sqrt((n - 3) * 3 / pi):.2g} standard deviations of the pairs' differences with"
+        " 80 % power."
+    )
 
 
 def arm_table(arms: Sequence[ArmSummary]) -> str:

@@ -134,22 +134,16 @@ def test_a_key_that_is_not_read_changes_no_individual(search: str, supervisor: s
     [
         (
             ["gp.tournament_size=2,6", "-m"],
-            "gp.tournament_size=2: expected a key that the run reads, but search=racing",
+            "search=racing does not read gp.tournament_size; search=paper",
         ),
         (
             ["allocation.niche_share=0.5"],
-            "allocation.niche_share: unknown key;",
+            "allocation.niche_share: not a slot of the chosen search; search=paper has it.",
         ),
-        (["search=racing,paper", "gp.crossover_rate=0.1,0.2", "-m"], "but search=racing"),
-        (
-            ["search=random", "supervisor=baseline,expert", "-m"],
-            "but search=random with",
-        ),
-        (["budget.episodes=900", "gp.generations=3"], "budget.episodes sets it"),
-        (
-            ["supervisor=baseline", "search.policy.library=0", "library=single"],
-            "a key that the run reads",
-        ),
+        (["search=racing,paper", "gp.crossover_rate=0.1,0.2", "-m"], "search=racing does not read"),
+        (["search=random", "supervisor=baseline,expert", "-m"], "search=random with supervisor="),
+        (["budget.episodes=900", "gp.generations=3"], "budget.episodes=900 sets gp.generations"),
+        (["supervisor=baseline", "search.policy.library=0", "library=single"], "not read library"),
     ],
 )
 def test_setting_a_key_that_nothing_reads_is_an_error(
@@ -169,9 +163,25 @@ def test_setting_a_key_that_nothing_reads_is_an_error(
 
 def test_a_fixed_key_needs_one_job_that_reads_it() -> None:
     """In Python as on the command line; a search that reads the key may stand beside others."""
-    with pytest.raises(ConfigError, match=r"but search=racing"):
+    with pytest.raises(ConfigError, match=r"search=racing does not read gp\.crossover"):
         compose("gp.crossover=branch")
     assert compose("search=paper", "gp.crossover=branch").settings.gp.crossover == "branch"
+
+
+def test_in_a_file_of_the_user_it_is_a_warning(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """One line names the file and the keys; those with the package's own values are left out."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "conf/experiment").mkdir(parents=True)
+    file = tmp_path / "conf/experiment/mine.yaml"
+    text = "# @package _global_\nname: mine\ngp: {tournament_size: 6, crossover_rate: 0.8}\n"
+    file.write_text(text)
+    compose("experiment=mine", config_dir="conf")
+    error = capsys.readouterr().err
+    assert error.startswith(f"islandgp: {file}: search=racing does not read gp.tournament_size;")
+    compose("experiment=mine", "search=paper", config_dir="conf")
+    assert not capsys.readouterr().err
 
 
 class Curious(RandomSearch):

@@ -12,7 +12,7 @@ from islandgp.records.files import pretty
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import add_to_manifest
 from islandgp.sweep.folder import SweepFile, SweepFolder, SweepJob
-from islandgp.sweep.summary import arm_table, arms
+from islandgp.sweep.summary import arm_table, arms, power_line
 from islandgp.tracking.store import Store, run_key
 from islandgp.tracking.upload import RunUploader, parent_run, send_sweep
 from tests.tracking.folders import begun, closed_run
@@ -95,6 +95,25 @@ def test_the_order_of_a_commands_overrides_does_not_matter(tmp_path: Path) -> No
     sweep = started_sweep(tmp_path / "s", job("1", *first), job("2", *second, seed=1), job("3"))
     arms = {name: len(entries) for name, entries in file_of(sweep).arms().items()}
     assert arms == {"gp.episodes=1 gp.population=8": 2, "baseline": 1}
+
+
+@pytest.mark.parametrize(
+    ("seeds", "words"),
+    [
+        (5, "5 an arm, with which no paired test can show a difference (least p 0.062); 6 can."),
+        (6, "6 an arm; a paired test finds a difference of about 1.7 standard deviations"),
+        (30, "30 an arm; a paired test finds a difference of about 0.55 standard deviations"),
+    ],
+)
+def test_what_so_many_seeds_can_show(seeds: int, words: str) -> None:
+    """Of two arms, by the arm with fewer seeds; a single arm is not compared."""
+    both = [
+        SweepJob(f"{arm}{s}", f"{arm}{s}", arm, s, (f"supervisor={arm}",), 4, "")
+        for arm, n in (("expert", seeds), ("baseline", seeds + 1))
+        for s in range(n)
+    ]
+    assert power_line(SweepFile("0", 1, (), tuple(both))).startswith(f"Seeds: {words}")
+    assert power_line(SweepFile("0", 1, (), tuple(both[:seeds]))) == ""
 
 
 def test_points_of_different_rewards_are_marked(tmp_path: Path) -> None:

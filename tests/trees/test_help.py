@@ -34,7 +34,11 @@ def test_each_help_ends_with_an_example_that_the_command_takes(
     ("arguments", "line"),
     [
         (["chek", "a.bt"], "islandgp: expected a command, found 'chek'; did you mean check?"),
-        (["--seed", "3"], "islandgp: no such option '--seed'"),
+        (["evolve"], "islandgp: expected a command, found 'evolve'; did you mean run?"),
+        (
+            ["--seed", "3"],
+            "islandgp: no such option '--seed'; settings are written as islandgp run seed=VALUE;",
+        ),
         (["zzz"], "islandgp: expected a command, found 'zzz'; `islandgp -h` shows what it takes"),
         (["play"], "islandgp: play: missing argument 'FILES...'; `islandgp play -h` shows what it"),
         (["play", "--sedes", "3"], "islandgp: play: no such option '--sedes'"),
