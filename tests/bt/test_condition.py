@@ -70,15 +70,6 @@ def test_a_compiled_condition_equals_the_interpreter(
     assert compiled() is holds(expr, other_board, PLACES)
 
 
-def test_a_single_condition_stays_what_it_was() -> None:
-    """Its closure reads the board and compares: nothing is compiled, nothing else is called."""
-    compiled = condition(LOW, [1.0] * 5, PLACES)
-    assert compiled.__code__.co_names == ()
-    joined_up = condition(combine("and", [LOW, P]), [1.0] * 5, PLACES)
-    assert joined_up.__code__.co_names == ()
-    assert joined_up.__code__.co_freevars == ("board",)
-
-
 @examples(max_examples=150, deadline=None)
 @given(first=EXPRESSIONS, second=EXPRESSIONS)
 def test_what_follows(first: ConditionExpr, second: ConditionExpr) -> None:

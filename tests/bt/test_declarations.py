@@ -8,7 +8,7 @@ import pytest
 
 from islandgp.bt.core import node
 from islandgp.bt.core.condition import OPERATORS, Condition
-from islandgp.bt.core.kinds import COUNTED, KINDS, TIMED
+from islandgp.bt.core.kinds import COUNTED, KEYWORDS, KINDS, TIMED
 from islandgp.bt.core.language import _parser, parse, to_text
 from islandgp.bt.core.node import leaf
 from islandgp.bt.core.vocabulary import RESERVED, Action, Vocabulary, number
@@ -21,7 +21,8 @@ NAMES = (*VOCABULARY.actions, *VOCABULARY.keys)
 
 def grammar_keywords() -> set[str]:
     patterns = (terminal.pattern for terminal in _parser().terminals)
-    return {p.value for p in patterns if p.type == "str" and p.value.isidentifier()}
+    words = {p.value for p in patterns if p.type == "str" and p.value.isidentifier()}
+    return words | {*KEYWORDS}
 
 
 def test_grammar_lists_no_names() -> None:

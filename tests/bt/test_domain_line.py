@@ -73,8 +73,6 @@ def test_another_domain_is_reported_before_its_names() -> None:
         ("domain 3 PatrolWaypoint", 8, "the name of a domain"),
         ("domain { PatrolWaypoint }", 8, "the name of a domain"),
         ("domain island", 14, "there is no tree after the definitions"),
-        ("domain island domain island PatrolWaypoint", 15, "unexpected 'domain'"),
-        ("subtree a = PatrolWaypoint domain island use a", 28, "unexpected 'domain'"),
         ("PatrolWaypoint domain island", 16, "unexpected 'domain'"),
         ("domian island PatrolWaypoint", 1, "'domian'"),
     ],

@@ -428,7 +428,7 @@ def test_conditions_are_complete() -> None:
             True,
             False,
         )
-    with pytest.raises(ValueError, match="Expected one of"):
+    with pytest.raises(ValueError, match="Expected an operator"):
         condition(Condition("lap", "=<", 0.0), [0.0] * 5, PLACES)
 
 

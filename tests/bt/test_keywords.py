@@ -98,7 +98,7 @@ def test_values_without_quotes() -> None:
         ("selector ( Go )", "unexpected '('"),
         ("selector { none self }", "unknown action 'none'"),
         ("when selector { Go }", "unknown blackboard key 'selector'"),
-        ("sequence { Go include }", "unexpected 'include'"),
+        ("sequence { Go include }", "unknown action 'include'"),
     ],
 )
 def test_mistakes(text: str, message: str) -> None:

@@ -197,62 +197,47 @@ def condition(
 
     `key_index` is the index of each key on the board.
     """
-    if isinstance(expr, Compound) or not expr.single:
-        return _compiled(_expression(expr, key_index))(board)
-    if expr.operator not in _CLOSURES:
-        raise ValueError(_unknown_operator(expr.operator))
-    return _CLOSURES[expr.operator](board, key_index[expr.key], expr.number)
+    numbers = [term.number for term in terms(expr)]
+    names = iter(_NUMBERS[: len(numbers)])
+    return _compiled(_source(expr, key_index, names), len(numbers))(board, *numbers)
 
 
 def assigned_value(
     assigned: Condition, board: Board, key_index: Mapping[str, int]
 ) -> Callable[[], float]:
     """The value that a key gets: the right side of an assignment."""
-    if not assigned.other:
-        number = float(assigned.number)
-        return lambda: number
-    value: Callable[[], float] = _compiled(_source(assigned.other, key_index))(board)
-    return value
+    value = _side(assigned.other, key_index) if assigned.other else _NUMBERS[0]
+    return _compiled(value, 1)(board, float(assigned.number))
 
 
-_CLOSURES: Final[Mapping[str, Callable[[Board, int, float], Callable[[], bool]]]] = {
-    "<": lambda board, place, number: lambda: board[place] < number,
-    "<=": lambda board, place, number: lambda: board[place] <= number,
-    ">": lambda board, place, number: lambda: board[place] > number,
-    ">=": lambda board, place, number: lambda: board[place] >= number,
-    "==": lambda board, place, number: lambda: board[place] == number,
-    "!=": lambda board, place, number: lambda: board[place] != number,
-    "is": lambda board, place, _: lambda: board[place] != 0,
-    "not": lambda board, place, _: lambda: board[place] == 0,
-}
+_NUMBERS: Final = [f"n{index}" for index in range(100)]
+"""Names of the numbers of a condition in Python source, so that they are no part of it."""
 
 
-def _unknown_operator(operator: str) -> str:
-    return f"Expected one of {', '.join(OPERATORS)}, is, not; found {operator!r}."
+def _source(expr: ConditionExpr, key_index: Mapping[str, int], names: Iterator[str]) -> str:
+    """The condition as Python source."""
+    if isinstance(expr, Condition):
+        operator = {"is": "!=", "not": "=="}.get(expr.operator, expr.operator)
+        if operator not in OPERATORS:
+            raise ValueError(f"Expected an operator of conditions, found {expr.operator!r}.")
+        number = next(names)
+        right = _side(expr.other, key_index) if expr.other else number
+        return f"({_side(expr.key, key_index)} {operator} {right})"
+    parts = [_source(part, key_index, names) for part in expr.parts]
+    return f"(not {parts[0]})" if expr.word == "not" else f"({f' {expr.word} '.join(parts)})"
 
 
-def _expression(expr: ConditionExpr, key_index: Mapping[str, int]) -> str:
-    """The condition as Python source; only numbers are copied from the tree into it."""
-    if isinstance(expr, Compound):
-        parts = [_expression(part, key_index) for part in expr.parts]
-        return f"(not {parts[0]})" if expr.word == "not" else f"({f' {expr.word} '.join(parts)})"
-    operator = {"is": "!=", "not": "=="}.get(expr.operator, expr.operator)
-    if operator not in OPERATORS:
-        raise ValueError(_unknown_operator(operator))
-    right = _source(expr.other, key_index) if expr.other else repr(float(expr.number))
-    return f"({_source(expr.key, key_index)} {operator} {right})"
-
-
-def _source(side: str, key_index: Mapping[str, int]) -> str:
+def _side(side: str, key_index: Mapping[str, int]) -> str:
     """A key or a Formula as Python source."""
     term = side.term if isinstance(side, Formula) else side
     return python(term, lambda key: f"board[{key_index[key]:d}]")
 
 
 @lru_cache(maxsize=1024)
-def _compiled(expression: str) -> Callable[[Board], Callable[[], Any]]:
+def _compiled(expression: str, numbers: int) -> Callable[..., Callable[[], Any]]:
     # One closure for all parts: one call per part would make a tick two to five times slower.
-    function: Callable[[Board], Callable[[], Any]] = eval(
-        f"lambda board: lambda: {expression}", {"__builtins__": {}, "divide": divide}
+    arguments = ", ".join(["board", *_NUMBERS[:numbers]])
+    function: Callable[..., Callable[[], Any]] = eval(
+        f"lambda {arguments}: lambda: {expression}", {"__builtins__": {}, "divide": divide}
     )
     return function

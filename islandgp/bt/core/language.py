@@ -20,8 +20,8 @@ from islandgp.bt.core.condition import ConditionExpr
 from islandgp.bt.core.includes import MAX_CHARACTERS as MAX_CHARACTERS
 from islandgp.bt.core.includes import ParsedFile, load_includes
 from islandgp.bt.core.kind import Sort
-from islandgp.bt.core.kinds import CALLABLE, KINDS, RESERVED
-from islandgp.bt.core.node import Node, Place, marks_of
+from islandgp.bt.core.kinds import CALLABLE, KEYWORDS, KINDS
+from islandgp.bt.core.node import Node, Place, guard_of, marks_of
 from islandgp.bt.core.node_builder import MAX_NUMBER as MAX_NUMBER
 from islandgp.bt.core.printer import lines_of
 from islandgp.bt.core.printer import to_text as to_text
@@ -34,8 +34,8 @@ if TYPE_CHECKING:
     from lark import Lark, Token
 
 _GAP: Final = r"(?:[ \t\n]|#[^\n]*+)"  # between two words; possessive, so that it cannot backtrack
-_CALL: Final = re.compile(rf"{_GAP}*+\({_GAP}*+(\)|[A-Za-z_][A-Za-z0-9_]*+{_GAP}*+:)")
-_NODE_OR_KEY: Final = {"SELECTOR", "NOT"}  # terminals where a node or a key is expected
+_CALL: Final = rf"{_GAP}*+\({_GAP}*+(?:\)|[A-Za-z_][A-Za-z0-9_]*+{_GAP}*+:)"
+"""The parentheses behind an action that is named like a node kind."""
 _DOMAIN: Final = re.compile(rf"{_GAP}*+domain{_GAP}++([A-Za-z_][A-Za-z0-9_]*)")
 
 
@@ -178,7 +178,7 @@ def files_of(
         except UnexpectedInput as error:
             from islandgp.bt.core.messages import syntax_error  # only for trees with errors
 
-            raise syntax_error(source, error, words(source.text, rule), vocabulary) from None
+            raise syntax_error(source, error, rule, vocabulary) from None
 
     parts = load_includes(Source(plain(text), name), folder, grammar, start)
     for source, tree in parts:
@@ -213,11 +213,11 @@ def _build(builder: Builder, parts: Sequence[ParsedFile]) -> Node:
     return node
 
 
-def following(text: str) -> frozenset[str]:
+def following(text: str, rule: str = "library") -> frozenset[str]:
     """The terminals of the grammar that can follow a text; none if the text is not valid."""
     from lark.exceptions import UnexpectedInput
 
-    interactive = _parser().parse_interactive(plain(text), start="library")
+    interactive = _parser().parse_interactive(plain(text), start=rule)
     try:
         interactive.exhaust_lexer()
     except UnexpectedInput:
@@ -227,22 +227,13 @@ def following(text: str) -> frozenset[str]:
 
 def parse_condition(text: str, vocabulary: Vocabulary) -> ConditionExpr:
     """Parses a condition, as after `when`. Raises TreeError as `parse`."""
-    from lark.exceptions import UnexpectedInput
-
-    source = Source(plain(text[:MAX_CHARACTERS]), "<condition>")
-    try:
-        parsed = _parser().parse(source.text, start="disjunction")
-    except UnexpectedInput as error:
-        ends = not isinstance(error.column, int) or error.column < 1  # the text ends too early
-        raise source.error(
-            "unexpected end of the condition" if ends else "unexpected text in the condition",
-            line=1 if ends else error.line,
-            column=len(source.text) + 1 if ends else error.column,
-            expected="comparisons and flags, joined by and, or, not",
-        ) from None
-    builder = Builder(vocabulary)
-    builder.source = source
-    return builder.condition(parsed)
+    name = "<condition>"
+    if not {"{", "}", "#"}.isdisjoint(text):
+        raise Source(plain(text), name).error(
+            "unexpected text in the condition", 1, 1, expected="comparisons and flags"
+        )
+    node = parse(f"when {text}\n{{ always success }}", vocabulary, name=name)
+    return guard_of(node).condition
 
 
 def domain_of(text: str) -> str:
@@ -265,8 +256,7 @@ def words(text: str, rule: str = "library") -> Iterator[Token]:
 
 @cache
 def _parser(placed: bool = False) -> Lark:  # to know all places takes a third longer
-    from lark import Lark, Token, __version__
-    from lark.lexer import BasicLexer
+    from lark import Lark, __version__
 
     if __version__.startswith("0."):
         raise ConfigError(
@@ -274,62 +264,36 @@ def _parser(placed: bool = False) -> Lark:  # to know all places takes a third l
             " installs, has overwritten it; pip uninstall -y lark-parser, then"
             " pip install --force-reinstall --no-deps 'lark<2'."
         )
-
-    class ContextLexer(BasicLexer):
-        """Reads whole words; one is a keyword only where the grammar can have it.
-
-        A word of RESERVED is one also where a node or a key is expected. An action that is named
-        like a node kind has parentheses.
-        """
-
-        __future_interface__ = 2  # lark passes the state of the parser
-
-        def lex(self, state: Any, parser_state: Any) -> Iterator[Token]:
-            for token in super().lex(state, parser_state):
-                if token.type == "NUMBER" and token[0] == "-":
-                    accepted = parser_state.parse_conf.states[parser_state.position]
-                    if "NUMBER" not in accepted and "MINUS" in accepted:  # of `a -3`
-                        yield Token.new_borrow_pos("MINUS", "-", token)
-                        token = token.update(value=token[1:])
-                        token.start_pos = (token.start_pos or 0) + 1
-                        token.column = (token.column or 0) + 1
-                if token.type != "NAME" and token[0].isalpha():
-                    accepted = parser_state.parse_conf.states[parser_state.position]
-                    if token.type in accepted:
-                        called = _CALL.match(state.text.text, token.end_pos or 0)
-                        is_name = token in CALLABLE and called is not None
-                    else:
-                        is_name = token not in RESERVED or not accepted.keys() & _NODE_OR_KEY
-                    if "NAME" in accepted and is_name:
-                        token.type = "NAME"
-                yield token
-
-    options: dict[str, Any] = {
-        "parser": "lalr",
-        "lexer": ContextLexer,
-        "maybe_placeholders": False,
-        "propagate_positions": placed,
-        "start": ["start", "library", "disjunction"],
-    }
     grammar = (resource("grammar") / "bt.lark").read_text(encoding="utf-8")
-    return Lark("\n".join([grammar, *_kind_rules()]), **options)
+    return Lark(
+        "\n".join([grammar, *_kind_rules()]),
+        parser="lalr",
+        lexer="contextual",  # a word is a keyword only where the grammar can have it
+        maybe_placeholders=False,
+        propagate_positions=placed,
+        start=["start", "library"],
+    )
 
 
 def _kind_rules() -> Iterator[str]:
-    """The rules of the kinds that are not in the file: keyword, arguments and children."""
+    """The keywords of all kinds, and the rules of those that are not in the file."""
     children = {(0, 0): "", (1, 1): "_child", (2, 2): '"{" _node _node "}"'}
-    for name, kind in KINDS.items():
-        if not kind.paper:
-            arguments = [
-                "assignment"
-                if a.sort is Sort.ASSIGNMENT
-                else " | ".join(map(str.upper, a.words)) or "_number"
-                for a in kind.arguments
-            ]
-            parts = [name.upper(), *map("({})".format, arguments)]
-            parts.append(children.get(kind.children, "_children"))
-            yield f"%extend _node: {name}"
-            yield f"{name}: {' '.join(parts)}"
-            words = {word for argument in kind.arguments for word in argument.words}
-            yield from (f'{word.upper()}: "{word}"' for word in sorted({name, *words}))
+    for name in KEYWORDS:
+        kind = KINDS[name]
+        behind = f"(?!{_CALL})" if name in CALLABLE else ""
+        yield f"{'%override ' * kind.paper}{name.upper()}.1: /{name}\\b{behind}/"
+        if kind.paper:
+            continue
+        arguments = [
+            "assignment"
+            if a.sort is Sort.ASSIGNMENT
+            else " | ".join(map(str.upper, a.words)) or "_number"
+            for a in kind.arguments
+        ]
+        parts = [name.upper(), *map("({})".format, arguments)]
+        parts.append(children.get(kind.children, "_children"))
+        yield f"%extend _node: {name}"
+        yield f"{name}: {' '.join(parts)}"
+        words = {word for argument in kind.arguments for word in argument.words}
+        yield from (f'{word.upper()}: "{word}"' for word in sorted(words))
     yield 'assignment: NAME "=" sum'

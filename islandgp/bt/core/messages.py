@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from itertools import pairwise
 from textwrap import shorten
@@ -146,21 +146,23 @@ def _listing(names: Iterable[str]) -> str:
 
 
 def syntax_error(
-    source: Source, error: UnexpectedInput, tokens: Iterator[Token], vocabulary: Vocabulary | None
+    source: Source, error: UnexpectedInput, rule: str, vocabulary: Vocabulary | None
 ) -> TreeError:
     """The error for a text that the grammar doesn't accept.
 
     Args:
         source: the text.
         error: of the parser.
-        tokens: the words of the text, read up to the fault.
+        rule: of the grammar, for the whole text.
         vocabulary: the domain's words; None: any name could be one.
     """
     from lark.exceptions import UnexpectedInput, UnexpectedToken
 
+    from islandgp.bt.core.language import following, words
+
     before: list[Token] = []
     with suppress(UnexpectedInput):  # the fault itself
-        before.extend(tokens)
+        before.extend(words(source.text, rule))
     ends = isinstance(error, UnexpectedToken) and error.token.type == "$END"
     if not ends:  # a word that touches a wrong character may be a part of a longer one
         end = (error.pos_in_stream or 0) + isinstance(error, UnexpectedToken)
@@ -170,11 +172,14 @@ def syntax_error(
     if not isinstance(error, UnexpectedToken):
         return _wrong_character(source, error)
     known = vocabulary or EMPTY_VOCABULARY
-    accepted = set(error.accepts) - _SELDOM
+    end = before[-1].end_pos if before else 0
+    accepted = following(source.text[:end], rule) - _SELDOM
     if "NOT" in accepted:
-        accepted.discard("NUMBER")
+        accepted -= {"NUMBER"}
     if vocabulary and not ends and before and (key := known.keys.get(str(before[-1]))):
         accepted -= {"OPERATOR"} if key.flag else accepted - {"OPERATOR"}
+    if before and before[-1] in known.actions and not known.actions[before[-1]].arguments:
+        accepted -= {"LPAR"}
     expected, candidates = _expected(accepted, before, known)
     if ends:
         return _unexpected_end(source, before, accepted, expected)
