@@ -156,46 +156,71 @@ def syntax_error(
         rule: of the grammar, for the whole text.
         vocabulary: the domain's words; None: any name could be one.
     """
-    from lark.exceptions import UnexpectedInput, UnexpectedToken
+    from lark.exceptions import UnexpectedToken
 
-    from islandgp.bt.core.language import following, words
-
-    before: list[Token] = []
-    with suppress(UnexpectedInput):  # the fault itself
-        before.extend(words(source.text, rule))
-    ends = isinstance(error, UnexpectedToken) and error.token.type == "$END"
-    if not ends:  # a word that touches a wrong character may be a part of a longer one
-        end = (error.pos_in_stream or 0) + isinstance(error, UnexpectedToken)
-        before = [word for word in before if (word.end_pos or 0) < end]
-    if vocabulary and before and (unknown := _unknown_before(source, before, vocabulary)):
+    token = error.token if isinstance(error, UnexpectedToken) else None
+    before = _words_before(source, error, rule)
+    if vocabulary and (unknown := _unknown_before(source, before, vocabulary)):
         return unknown
-    if not isinstance(error, UnexpectedToken):
+    if token is None:
         return _wrong_character(source, error)
-    known = vocabulary or EMPTY_VOCABULARY
-    end = before[-1].end_pos if before else 0
-    accepted = following(source.text[:end], rule) - _SELDOM
-    if "NOT" in accepted:
-        accepted -= {"NUMBER"}
-    if vocabulary and not ends and before and (key := known.keys.get(str(before[-1]))):
-        accepted -= {"OPERATOR"} if key.flag else accepted - {"OPERATOR"}
-    if before and before[-1] in known.actions and not known.actions[before[-1]].arguments:
-        accepted -= {"LPAR"}
+    accepted, known = _accepted(source, before, rule, vocabulary), vocabulary or EMPTY_VOCABULARY
     expected, candidates = _expected(accepted, before, known)
-    if ends:
-        return _unexpected_end(source, before, accepted, expected)
-    token = error.token
-    message = f"unexpected {shown(token)}"
     unclosed = _unclosed(source, before)
-    if token == "}" and "SELECTOR" in accepted and unclosed is not None:
-        message = f"this {_node_of(before[:unclosed])} needs more children"
-        expected = "a node or an action"
-    elif accepted - {"LPAR"} == {"RBRACE"}:
+    node = _node_of(before[:unclosed]) if unclosed is not None else ""
+    message = f"unexpected {shown(token)}"
+    if token.type == "$END":
+        message = "the text ends too early"
+        if not before:
+            return source.error("there is no tree in the text", 1, 1, expected=expected)
+        if "SUBTREE" in accepted:
+            message = "there is no tree after the definitions"
+        elif unclosed is not None:
+            message += f": the brace of the {node} in line {before[unclosed].line} is not closed"
+        line, column = before[-1].end_line or 1, before[-1].end_column or 1
+        return source.error(message, line, column, expected=expected)
+    if token == "}" and "SELECTOR" in accepted and node:
+        message, expected = f"this {node} needs more children", "a node or an action"
+    elif accepted == {"RBRACE"}:
         message += "; this node takes no more children, so wrap several in a sequence or a selector"
     elif accepted - {"LPAR"} == {"$END"}:
         message += "; a file holds one tree, after its subtrees"
     guess = _instead(source, token, before, accepted, known)
     guess = guess or closest(token.strip('"'), candidates)
     return source.error_at(token, message, expected=expected, guess=guess)
+
+
+def _words_before(source: Source, error: UnexpectedInput, rule: str) -> list[Token]:
+    """The words before the fault; at a wrong character, those that don't touch it."""
+    from lark.exceptions import UnexpectedInput, UnexpectedToken
+
+    from islandgp.bt.core.language import words
+
+    before: list[Token] = []
+    with suppress(UnexpectedInput):  # the fault itself
+        before.extend(words(source.text, rule))
+    pos = error.pos_in_stream or 0
+    if not isinstance(error, UnexpectedToken):
+        return [word for word in before if (word.end_pos or 0) < pos]
+    ends = error.token.type == "$END"
+    return [word for word in before if ends or (word.start_pos or 0) < pos]
+
+
+def _accepted(
+    source: Source, before: Sequence[Token], rule: str, vocabulary: Vocabulary | None
+) -> frozenset[str]:
+    """The terminals that can follow the words before a fault, without those seldom meant."""
+    from islandgp.bt.core.language import following
+
+    last = before[-1] if before else ""
+    accepted = following(source.text[: getattr(last, "end_pos", 0)], rule) - _SELDOM
+    if "NOT" in accepted:
+        accepted -= {"NUMBER"}
+    if vocabulary and last in vocabulary.keys and "OPERATOR" in accepted:
+        return accepted - {"OPERATOR"} if vocabulary.keys[last].flag else frozenset({"OPERATOR"})
+    if vocabulary and last in vocabulary.actions and not vocabulary.actions[last].arguments:
+        accepted -= {"LPAR"}
+    return accepted
 
 
 def _unknown_before(
@@ -224,22 +249,6 @@ def _wrong_character(source: Source, error: UnexpectedInput) -> TreeError:
         expected="" if guess else "letters a to z, digits, _ { } ( ) , : and # for comments",
         guess=guess,
     )
-
-
-def _unexpected_end(
-    source: Source, before: Sequence[Token], accepted: Collection[str], expected: str
-) -> TreeError:
-    """The error after the last word of a text that ends too early."""
-    if not before:
-        return source.error("there is no tree in the text", 1, 1, expected=expected)
-    message = "the text ends too early"
-    if "SUBTREE" in accepted:
-        message = "there is no tree after the definitions"
-    elif (brace := _unclosed(source, before)) is not None:
-        node, line = _node_of(before[:brace]), before[brace].line
-        message += f": the brace of the {node} in line {line} is not closed"
-    line, column = before[-1].end_line or 1, before[-1].end_column or 1
-    return source.error(message, line, column, expected=expected)
 
 
 def _node_of(tokens: Sequence[Token]) -> str:
