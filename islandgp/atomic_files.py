@@ -25,8 +25,8 @@ def usable(folder: Path) -> Iterator[None]:
         ) from error
 
 
-def write_atomic(path: Path, data: bytes, *, previous: Path | None = None) -> None:
-    """Replaces a file atomically and keeps its permissions; the old file is kept as `previous`."""
+def write_atomic(path: Path, data: bytes) -> None:
+    """Replaces a file atomically and keeps its permissions."""
     temporary = path.with_name(f".{path.name}.{os.getpid()}.tmp")
     try:
         with temporary.open("wb") as file:
@@ -35,8 +35,6 @@ def write_atomic(path: Path, data: bytes, *, previous: Path | None = None) -> No
             os.fsync(file.fileno())
         if path.exists():
             copymode(path, temporary)
-            if previous is not None:
-                path.replace(previous)
         temporary.replace(path)
     except BaseException:
         temporary.unlink(missing_ok=True)

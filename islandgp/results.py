@@ -13,7 +13,7 @@ other columns.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, repeat
 from pathlib import Path
@@ -23,7 +23,6 @@ import yaml
 
 from islandgp.atomic_files import damaged, reading
 from islandgp.errors import RunError
-from islandgp.gp.edit_fates import edit_fates
 from islandgp.records.archive_file import read_archive
 from islandgp.records.folder import RunFolder, run_folders
 from islandgp.records.parameters import flatten
@@ -63,23 +62,9 @@ class Results:
         return _frame("individuals", self._rows(_individuals))
 
     @cached_property
-    def edits(self) -> DataFrame:
-        """One row per edit that a supervisor advised, with its result."""
-        return _frame("edits", self._edits())
-
-    @cached_property
     def archive(self) -> DataFrame:
         """One row per elite of a finished run; `cell.<counter>` is the lower edge of its cell."""
         return _frame("archive", self._elites())
-
-    def _edits(self) -> Iterator[dict[str, Any]]:
-        for folder in self.folders:
-            for fate in edit_fates(folder.generations()):
-                trial = asdict(fate.trial) if fate.trial else {}
-                row = {**asdict(fate), **asdict(fate.edit)}
-                row |= {name: trial.get(name) for name in ("id", "fitness", "parent_fitness")}
-                shared = {**row, **self._identity(folder)}
-                yield {name: shared[name] for name in COLUMNS["edits"]}
 
     def _elites(self) -> Iterator[dict[str, Any]]:
         for folder in self.folders:

@@ -2,12 +2,10 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import click
-from click.core import ParameterSource
 
 from islandgp.commands.files import FOLDER, check_place, unusable
 from islandgp.commands.options import grouped, with_config_dir_option, with_workers_option
@@ -42,13 +40,6 @@ OPTIONS = (
         help="Largest difference at which arms count as equivalent.",
     ),
     click.option(
-        "--family",
-        "families",
-        multiple=True,
-        metavar="NAME=ARM,ARM,...",
-        help="Arms of one question, adjusted together.",
-    ),
-    click.option(
         "--primary",
         metavar="MEASURE",
         help="Primary endpoint: one test of the first two arms, not adjusted.",
@@ -59,14 +50,6 @@ OPTIONS = (
         type=FOLDER,
         help="Folder for the report.  [default: study/<arms>, study/<sweep> without --arm]",
     ),
-    click.option("--name", help="Use only the runs of this sweep."),
-    click.option(
-        "--runs",
-        type=click.Path(path_type=Path),
-        multiple=True,
-        default=["runs"],
-        help="Folder of the runs; several: --runs A --runs B, or --runs A B.",
-    ),
     click.option(
         "--arm",
         "arms",
@@ -74,21 +57,26 @@ OPTIONS = (
         metavar='NAME="SELECTION"',
         help="One arm.  [default: each arm of the sweep]",
     ),
+    click.option("--name", help="Use only the runs of this sweep."),
+    click.option(
+        "--runs",
+        type=click.Path(path_type=Path),
+        multiple=True,
+        help="Folder of the runs; several: --runs A --runs B, or --runs A B.  [default: runs]",
+    ),
+    click.argument("folders", nargs=-1, type=click.Path(path_type=Path)),
 )
 
 
 @click.command(epilog=EPILOG)
-@click.argument("more", nargs=-1, type=click.Path(path_type=Path), metavar="[RUNS]...")
 @grouped("options", CompareOptions, *OPTIONS)
 @with_config_dir_option
-def command(options: CompareOptions, more: tuple[Path, ...]) -> None:
-    """Compare arms of runs by tables, figures and statistics.
+def command(options: CompareOptions) -> None:
+    """Compare arms of the runs in FOLDERS by tables, figures and statistics.
 
-    Prints the result, and writes a page (index.html), CSV files and figures (SVG, PNG).
+    Prints the result, and writes a page (index.html), CSV files and figures (SVG).
     """
-    given = click.get_current_context().get_parameter_source("runs") is ParameterSource.COMMANDLINE
-    folders = (*options.runs[: None if given or not more else 0], *more)
-    study, plan, folder = select_study(replace(options, runs=folders))
+    study, plan, folder = select_study(options)
     check_place(folder, is_folder=True)
     make = partial(Processes, workers=options.workers or cores())
     report = build(study, plan, worlds=options.worlds, make=make)

@@ -10,9 +10,9 @@ import click
 
 from islandgp.atomic_files import usable, write_atomic
 from islandgp.commands.options import with_config_dir_option
-from islandgp.commands.stores import stores
+from islandgp.commands.sync_command import configured_stores
 from islandgp.errors import IslandError, RunError, TrackingError, brief
-from islandgp.gate import check_folder, cleaned, configuration_folder
+from islandgp.gate import check_folder, cleaned
 from islandgp.records.files import pretty
 from islandgp.records.folder import RunFolder, Status, run_folders
 from islandgp.sweep.folder import SweepFolder
@@ -39,7 +39,7 @@ def command(run: Path, yes: bool) -> None:
             raise RunError(f"Expected a run's folder or a sweep's, found another one: {folder}")
         if each.status() is Status.RUNNING:
             raise RunError(f"Expected a run that has ended, found one at work: {each.path}")
-    places = stores(configuration_folder(), Path.cwd())
+    places = configured_stores()
     stored = [(each, place) for each in runs if (place := place_of(each, places))]
     what = f"{len(runs)} run{'s' * (len(runs) != 1)} in {cleaned(str(run))}"
     where = " and ".join(dict.fromkeys(place.uri for _, place in stored))

@@ -2,17 +2,33 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from pathlib import Path
 
 import click
 
 from islandgp.commands.options import with_config_dir_option
-from islandgp.commands.stores import stores
+from islandgp.commands.setting import configured
+from islandgp.config.sources import ConfigSource
 from islandgp.errors import TrackingError, brief
 from islandgp.gate import cleaned, configuration_folder
-from islandgp.tracking.store import TrackingStore
+from islandgp.resources import resource
+from islandgp.tracking.store import MLflowSettings, TrackingStore
 from islandgp.tracking.sync import place_from, sync
+
+
+def configured_stores() -> list[TrackingStore]:
+    """The MLflow stores that configuration names, those of the user's folder first.
+
+    Raises ConfigError for a wrong file.
+    """
+    ours, folder = resource("conf"), configuration_folder()
+    options = ConfigSource(ours, "config", folder).options("tracking")
+    places = []
+    for option in sorted(options, key=lambda name: (ours / f"tracking/{name}.yaml").is_file()):
+        part = configured([f"tracking={option}"], str(folder) if folder else None).tracking
+        if isinstance(settings := part.settings(), MLflowSettings):
+            places.append(TrackingStore.of(settings, Path.cwd()))
+    return places
 
 
 @click.command()
@@ -26,29 +42,24 @@ def command(folders: tuple[Path, ...], uri: str | None, experiment: str) -> None
     Each folder is a run's, a sweep's, or one above them. Records are sent only once.
     """
     place = None if uri is None else place_from(uri, experiment)
-    places = stores(configuration_folder(), Path.cwd()) if place is None else []
+    places = configured_stores() if place is None else []
     roots = folders or (Path("runs"),)
     for root in roots:
         if not root.is_dir():
             raise TrackingError(f"Expected a folder of runs, found no folder {root}.")
-    failed = {path: error for root in roots for path, error in _sync(root, place, places).items()}
+    failed: dict[Path, Exception] = {}
+    for root in roots:
+        done = sync(root, place, places=places)
+        failed |= done.failed
+        for path in done.sent:
+            click.echo(cleaned(f"sent       {path}"))
+        click.echo(
+            f"{root}: {len(done.sent)} sent, {len(done.known)} already there,"
+            f" {len(done.untracked)} without tracking, {len(done.failed)} not sent"
+        )
     if failed:
         lines = "\n".join(f"  {path}: {brief(error)}" for path, error in failed.items())
         raise TrackingError(
             f"Expected to send all runs, found {len(failed)} that could not be sent; correct what"
             f" each line names and repeat the command:\n{lines}"
         )
-
-
-def _sync(
-    root: Path, place: TrackingStore | None, places: Sequence[TrackingStore]
-) -> dict[Path, Exception]:
-    """Send the runs below a folder; returns the errors of those that could not be sent."""
-    done = sync(root, place, places=places)
-    for path in done.sent:
-        click.echo(cleaned(f"sent       {path}"))
-    click.echo(
-        f"{root}: {len(done.sent)} sent, {len(done.known)} already there,"
-        f" {len(done.untracked)} without tracking, {len(done.failed)} not sent"
-    )
-    return dict(done.failed)

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import threading
 import webbrowser
-from pathlib import Path
 
 import click
 
 from islandgp.commands.options import with_config_dir_option
-from islandgp.commands.stores import stores
-from islandgp.gate import configuration_folder
+from islandgp.commands.sync_command import configured_stores
 from islandgp.running.console import as_ctrl_c
 from islandgp.tracking.sync import place_from
 from islandgp.tracking.ui import served
@@ -26,7 +24,7 @@ from islandgp.tracking.ui import served
 @with_config_dir_option
 def command(uri: str | None, experiment: str, port: int, open_browser: bool) -> None:
     """Serve the MLflow pages and print the address of the runs page."""
-    configured = [] if uri else stores(configuration_folder(), Path.cwd())
+    configured = [] if uri else configured_stores()
     place = place_from(uri, experiment) if uri else configured[0]
     click.echo(f"Starting the MLflow server for {place.uri} ...", err=True)
     try:
@@ -34,7 +32,7 @@ def command(uri: str | None, experiment: str, port: int, open_browser: bool) -> 
         with as_ctrl_c("SIGTERM", "SIGHUP"), served(place, port) as pages:
             of = f" of sweep {pages.sweep}" if pages.sweep else ""
             click.echo(f"charts{of}, a curve for each arm:  {pages.arms}")
-            click.echo(f"all runs, in a table by sweep and arm:  {pages.runs}")
+            click.echo(f"all runs, in a table:  {pages.runs}")
             click.echo("Only this machine reaches the server. Ctrl-C stops it.", err=True)
             if open_browser and not webbrowser.open(pages.arms):
                 click.echo("Found no browser to open: open the address yourself.", err=True)

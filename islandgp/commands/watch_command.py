@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import sys
 import webbrowser
-from itertools import chain
 from pathlib import Path
 from time import monotonic, sleep
 from typing import TYPE_CHECKING, Final
@@ -38,10 +37,14 @@ def command(run: Path, open_browser: bool | None) -> None:
     If the run is active, the command writes a new page every few seconds, which the browser shows,
     until the run ends or Ctrl-C stops the command.
     """
-    from islandgp.records.folder import Status
+    from islandgp.records.folder import RunFolder, Status
 
     check_folder(run)
-    folder = _run_in(run)
+    folder = RunFolder(run)
+    if not run.is_dir() or not folder.begun() or folder.about() is None:
+        below = next((file.parent for file in run.rglob("about.json")), None)
+        inside = "none" if below is None else f"runs below it, as {below}"
+        raise RunError(f"Expected a run in {run}, found {inside}; give a run's own folder.")
     status, took = _write(folder)
     page = run / "run.html"
     click.echo(cleaned(str(page)))
@@ -53,35 +56,17 @@ def command(run: Path, open_browser: bool | None) -> None:
         status, took = _write(folder)
 
 
-def _run_in(path: Path) -> RunFolder:
-    """The run in a folder. Raises RunError if there is none."""
-    from islandgp.records.folder import RunFolder
-
-    folder = RunFolder(path)
-    if not path.is_dir() or not folder.begun() or folder.about() is None:
-        below = chain(path.glob("*/about.json"), path.glob("*/*/about.json"))
-        one = next((file.parent for file in below), None)
-        inside = "none" if one is None else "runs below it"
-        example = "as a run's last line names it" if one is None else f"e.g. {one}"
-        raise RunError(
-            f"Expected a run in {path}, found {inside}; give a run's own folder, {example}."
-        )
-    return folder
-
-
 def _write(folder: RunFolder) -> tuple[Status, float]:
-    """Write the run's page, if it is not complete; return the run's status and the seconds.
+    """Write the run's page; return the run's status and the seconds.
 
     Raises:
         RunError: the run is damaged.
     """
     from islandgp.records.folder import Status
-    from islandgp.viewer.page_file import complete_page, write_page
+    from islandgp.viewer.page_file import write_page
 
     status, began = folder.status(), monotonic()
     if status is Status.FINISHED:
         folder.must_be_sound(page=False)
-        complete_page(folder)
-    else:
-        write_page(folder, status)
+    write_page(folder, status)
     return status, monotonic() - began

@@ -56,11 +56,11 @@ class Run:
 
 @dataclass(frozen=True, slots=True)
 class Arm:
-    """Finished runs that differ only in their seed."""
+    """Runs that differ only in their seed; in a comparison all of them are finished."""
 
     name: str
     selection: str  # text of the --arm option, or the overrides of a sweep's arm
-    runs: tuple[Run, ...]  # by seed
+    runs: tuple[Run, ...]  # by seed, then path
     keys: frozenset[str] = frozenset()  # of the configuration, in which it may differ from others
     levels: Mapping[str, str] = field(default_factory=dict)  # its values of these keys, if single
 
@@ -70,34 +70,13 @@ class Arm:
         return tuple(run.seed for run in self.runs)
 
 
-@dataclass(frozen=True, slots=True)
-class _Group:
-    """The runs of an arm before the unfinished ones are left out."""
-
-    runs: list[Run]
-    keys: frozenset[str]
-    levels: Mapping[str, str]
-
-    def arm(self, name: str, text: str) -> tuple[Arm, list[str]]:
-        """The arm of the finished runs, with a note on the others."""
-        finished = sorted((r for r in self.runs if r.finished), key=lambda r: (r.seed, r.path))
-        others = [r.path.name for r in self.runs if not r.finished]
-        note = (
-            f"{name}: {_some(others)} are left out as unfinished; the command that started them"
-            " finishes them."
-        )
-        return Arm(name, text, tuple(finished), self.keys, self.levels), [note] * bool(others)
-
-
 def find(folders: Sequence[Path], name: str | None = None) -> list[Run]:
-    """All runs in some folders, without MLflow's copies of runs.
+    """All runs in some folders and those below them, without MLflow's copies of runs.
 
-    Args:
-        folders: each is searched with all folders below it.
-        name: only the runs of the sweep with this name; None: all.
+    `name`: only those of the sweep with this name.
 
     Raises:
-        StudyError: there is no such folder or sweep.
+        StudyError: there is no such folder, or no such sweep.
         RunError: a run's configuration is damaged.
     """
     runs: dict[Path, Run] = {}
@@ -105,7 +84,7 @@ def find(folders: Sequence[Path], name: str | None = None) -> list[Run]:
         if not folder.is_dir():
             raise StudyError(
                 f"Expected runs in {folder}, found no such folder; run `python -m islandgp` first,"
-                " or set --runs FOLDER."
+                " or give another folder."
             )
         for run in run_folders(folder):
             if run.begun() and (run.path / "generations.jsonl").exists():
@@ -114,10 +93,8 @@ def find(folders: Sequence[Path], name: str | None = None) -> list[Run]:
                 runs[run.path.resolve()] = found
     chosen = [run for run in runs.values() if name in (None, run.flat["name"])]
     if name is not None and not chosen:
-        names = ", ".join(sorted({str(run.flat["name"]) for run in runs.values()}))
         raise StudyError(
-            f"Expected runs of a sweep named {name}, found none;"
-            + (f" there are {names}." if names else " there are no runs at all.")
+            f"Expected runs of a sweep named {name}, found none.{_overview([*runs.values()])}"
         )
     return chosen
 
@@ -179,16 +156,24 @@ def select_arms(texts: Sequence[str], runs: Sequence[Run]) -> tuple[list[Arm], l
     """
     groups, _ = _by_arm(runs)
     labels = {_words(label): label for label in groups}
-    arms, notes = [], []
+    arms = []
     for text in texts:
         if label := labels.get(_words(text)):
-            arm, remarks = groups[label].arm(label, label)
+            arms.append(groups[label])
         else:
-            name, selection = parse_arm(text, list(groups))
-            arm, remarks = _selected(name, selection, runs).arm(name, selection)
-        arms.append(arm)
-        notes += remarks
-    return arms, notes
+            arms.append(_selected(*parse_arm(text, list(groups)), runs))
+    return _finished(arms)
+
+
+def _finished(arms: Sequence[Arm]) -> tuple[list[Arm], list[str]]:
+    """The arms with their finished runs, and notes on the others."""
+    notes = [
+        f"{arm.name}: {_some(others)} are left out as unfinished; the command that started them"
+        " finishes them."
+        for arm in arms
+        if (others := [run.path.name for run in arm.runs if not run.finished])
+    ]
+    return [replace(a, runs=tuple(run for run in a.runs if run.finished)) for a in arms], notes
 
 
 def _words(label: str) -> frozenset[str]:
@@ -213,10 +198,12 @@ def parse_arm(text: str, labels: Sequence[str] = ()) -> tuple[str, str]:
     return name, selection
 
 
-def _selected(name: str, text: str, runs: Sequence[Run]) -> _Group:
-    """The runs of a selection. Raises StudyError if none of them is finished."""
+def _selected(name: str, text: str, runs: Sequence[Run]) -> Arm:
+    """The arm of a selection. Raises StudyError if none of them is finished."""
     conditions = parse_selection(text)
-    fitting = [run for run in runs if matches(run, conditions)]
+    fitting = sorted(
+        (run for run in runs if matches(run, conditions)), key=lambda run: (run.seed, run.path)
+    )
     if not any(run.finished for run in fitting):
         known = {*SHORT_KEYS, *(key for run in runs for key in run.flat)}
         hints = "".join(f" There is no key {key}." for key in sorted({*conditions} - known))
@@ -230,7 +217,7 @@ def _selected(name: str, text: str, runs: Sequence[Run]) -> _Group:
         for key, value in conditions.items()
         if key not in ("name", "seed") and not isinstance(value, range)
     }
-    return _Group(fitting, frozenset(conditions), levels)
+    return Arm(name, text, tuple(fitting), frozenset(conditions), levels)
 
 
 def arms_of_sweep(runs: Sequence[Run]) -> tuple[list[Arm], list[str]]:
@@ -244,8 +231,8 @@ def arms_of_sweep(runs: Sequence[Run]) -> tuple[list[Arm], list[str]]:
     """
     if len(names := {str(run.flat["name"]) for run in runs}) > 1:
         raise StudyError(
-            f"Expected --name or --arm, as there are runs of {len(names)} sweeps, found neither."
-            + _overview(runs)
+            f"Expected the runs of one sweep, found those of {len(names)}; give --name SWEEP,"
+            " its folder, or select arms by --arm." + _overview(runs)
         )
     groups, notes = _by_arm(runs)
     finished = {name: g for name, g in groups.items() if any(run.finished for run in g.runs)}
@@ -256,15 +243,12 @@ def arms_of_sweep(runs: Sequence[Run]) -> tuple[list[Arm], list[str]]:
             f"Expected two arms or more with finished runs, found {', '.join(finished) or 'none'}"
             f"{more}; run a sweep such as supervisor=baseline,expert, or select arms by --arm."
         )
-    arms: list[Arm] = []
-    for label in sorted(finished, key=lambda label: label.split()[0] == UNSUPERVISED):
-        arm, remarks = finished[label].arm(label, label)
-        arms.append(arm)
-        notes += remarks
-    return arms, notes
+    order = sorted(finished, key=lambda label: label.split()[0] == UNSUPERVISED)
+    arms, remarks = _finished([finished[label] for label in order])
+    return arms, notes + remarks
 
 
-def _by_arm(runs: Sequence[Run]) -> tuple[dict[str, _Group], list[str]]:
+def _by_arm(runs: Sequence[Run]) -> tuple[dict[str, Arm], list[str]]:
     """The runs by arm, and a note on runs that are no jobs of their sweep.
 
     Folders of one name are parts of one sweep, whose arms differ in what any part varies.
@@ -280,9 +264,9 @@ def _by_arm(runs: Sequence[Run]) -> tuple[dict[str, _Group], list[str]]:
         for folder, file in parts.items()
     }
     keys = frozenset[str]().union(*(whole.studied_keys() for whole in wholes.values()))
-    groups: dict[str, _Group] = {}
+    groups: dict[str, Arm] = {}
     others: list[str] = []
-    for run in runs:
+    for run in sorted(runs, key=lambda run: (run.seed, run.path)):
         label, levels = str(run.flat["supervisor.name"]), dict[str, str]()
         if whole := wholes.get(run.path.parent):
             jobs = {job.folder: job for job in parts[run.path.parent].jobs}
@@ -291,7 +275,8 @@ def _by_arm(runs: Sequence[Run]) -> tuple[dict[str, _Group], list[str]]:
                 continue
             job = jobs[run.path.name]
             label, levels = whole.arm(job), whole.levels(job)
-        groups.setdefault(label, _Group([], keys, levels)).runs.append(run)
+        arm = groups.get(label, Arm(label, label, (), keys, levels))
+        groups[label] = replace(arm, runs=(*arm.runs, run))
     order = [*(label for whole in wholes.values() for label in whole.arms()), *groups]
     note = f"{_some(others)} that are not jobs of the sweep are left out; --arm selects any run."
     return {name: groups[name] for name in dict.fromkeys(order) if name in groups}, [note] * bool(

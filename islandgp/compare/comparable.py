@@ -4,14 +4,14 @@ from __future__ import annotations
 
 import json
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 from textwrap import shorten
 from typing import TYPE_CHECKING, Any, Final
 
 from islandgp.compare.arms import Arm, Run, in_short
-from islandgp.compare.measures import identical, measured, read_runs
+from islandgp.compare.measures import measured, read_runs
 from islandgp.errors import StudyError
 from islandgp.records.parameters import TASK, flatten, runtime_keys, short_key
 from islandgp.scoring.classes import Classes
@@ -29,16 +29,13 @@ BUDGET: Final = frozenset({"gp.population", "gp.generations", "gp.episodes", "gp
 """Keys of the budget, in which arms must not differ."""
 
 START: Final = (BUDGET - {"gp.generations"}) | {"gp.reseed_every", "gp.max_depth", "gp.max_nodes"}
-"""Keys that affect the initial population and the seeds of worlds, besides seed and TREES."""
-
-TREES: Final = "gp.trees."
-"""Prefix of the keys of random trees."""
+"""Keys that affect the initial population and seeds of worlds, besides the seed and `gp.trees`."""
 
 MIN_GENERATIONS: Final = 4  # least number of generations, so that no stage of Table 10 is empty
 
 UNEQUAL: Final = 0.05  # least share by which costs are unequal
 
-MAX_ARMS: Final = 3  # most arms with the same value that are named
+MAX_KEYS: Final = 3  # most settings in the label of a task
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,34 +117,36 @@ def compare_arms(
             short or of two domains; or the arms are not comparable and `force` is not set.
         RunError: a run is damaged.
     """
-    _check_names(arms)
-    _check_vocabulary(arms)
-    warnings, intended = _inside(arms), list[str]()
-    for key, values in _differences(arms):
+    _check(arms)
+    settings = _settings(arms)
+    warnings, intended = [*_inside(arms, settings)], list[str]()
+    for key, values in _differences(arms, settings):
         if _may_differ(key, [arm.keys for arm in arms]):
             intended.append(f"The arms differ in {key}: {values}.")
         else:
             warnings.append(f"{key} differs: {values}")
-    warnings += _seeds(arms)
+    if not all({*a.seeds} & {*b.seeds} for a, b in combinations(arms, 2)):
+        each = "; ".join(f"{arm.name} {in_short(sorted(set(arm.seeds)))}" for arm in arms)
+        warnings.append(f"two arms share no seed: {each}")
     if warnings and not force:
         raise StudyError(
             "Expected arms that differ only in what is studied, found:\n  "
             + "\n  ".join(shorten(line, width=400, placeholder=" ...") for line in warnings)
-            + f"\n{_REMEDIES['curriculum' if 'curriculum.' in str(warnings) else 'runs']}"
+            + "\nSelect other runs, run all arms with the same curriculum if a search sets it, for"
+            " example curriculum.last_only=true, or use --force: the report then lists these"
+            " differences."
         )
     generations, runs = read_runs(arms)
-    lengths = generations.groupby("run")["generation"].count()
-    horizon, shortest = lengths.min(), runs.loc[lengths.idxmin(), "arm"]
+    horizon = int(generations.groupby("run")["generation"].count().min())
     if horizon < MIN_GENERATIONS:
         raise StudyError(
-            f"Expected runs of at least {MIN_GENERATIONS} generations, found {horizon} in"
-            f" {shortest}; early, mid and late training need one each."
+            f"Expected runs of at least {MIN_GENERATIONS} generations, found {horizon}; early, mid"
+            " and late training need one each."
         )
-    longer = runs[lengths.reindex(runs.index) > horizon]["arm"]
     cuts = [
         f"{name} has runs of more than {horizon} generations; measures of training end with"
         f" generation {horizon - 1}, the last one of the shortest run."
-        for name in longer.unique()
+        for name in generations[generations["generation"] >= horizon]["arm"].unique()
     ]
     generations = generations[generations["generation"] < horizon]
     values = measured(generations, arms[0].runs[0].classes)
@@ -167,14 +166,6 @@ def compare_arms(
     )
 
 
-_FORCE: Final = "or use --force: the report then lists these differences."
-_REMEDIES: Final = {
-    "runs": f"Select other runs, {_FORCE}",
-    "curriculum": "A search may set the curriculum: run all arms with the same, for example"
-    f" curriculum.last_only=true; select other runs, {_FORCE}",
-}
-
-
 def _tasks(arms: Sequence[Arm]) -> tuple[Task, ...]:
     """The distinct tasks of arms, labelled by what differs, or by their arms if that is much."""
     by_text: dict[str, list[Arm]] = {}
@@ -189,7 +180,7 @@ def _tasks(arms: Sequence[Arm]) -> tuple[Task, ...]:
     for flat, members in zip(flats, by_text.values(), strict=True):
         names = tuple(arm.name for arm in members)
         settings = [f"{short_key(key, keys)}={flat.get(key)}" for key in sorted(keys)]
-        label = " ".join(settings) if 0 < len(settings) <= MAX_ARMS else " and ".join(names)
+        label = " ".join(settings) if 0 < len(settings) <= MAX_KEYS else " and ".join(names)
         tasks.append(Task(label, names, members[0].runs[0]))
     return tuple(tasks)
 
@@ -207,7 +198,7 @@ def shared_seeds(first: Arm, second: Arm) -> tuple[int, ...]:
 
 
 def _start(run: Run) -> dict[str, Any]:
-    return {k: v for k, v in run.flat.items() if k in START or k.startswith(TREES)}
+    return {k: v for k, v in run.flat.items() if k in START or k.startswith("gp.trees.")}
 
 
 def _pairs(arms: Sequence[Arm]) -> Iterator[str]:
@@ -234,9 +225,10 @@ def _costs(runs: DataFrame) -> Iterator[str]:
 
 def _alike(arms: Sequence[Arm], generations: DataFrame) -> Iterator[str]:
     """A note for each pair of arms whose runs have identical populations."""
-    by_arm = dict(iter(generations.groupby("arm")))
+    populations = generations.groupby(["arm", "seed"])["population"].agg(tuple)
     for a, b in combinations(arms, 2):
-        if same := list(identical(by_arm[a.name], by_arm[b.name])):
+        first, second = populations[a.name], populations[b.name]
+        if same := [seed for seed in first.index if first[seed] == second.get(seed)]:
             yield (
                 f"{a.name} and {b.name} have the same individuals in every generation of"
                 f" {len(same)} of {len(a.runs)} runs (seeds {in_short(same)}): no test can"
@@ -244,107 +236,77 @@ def _alike(arms: Sequence[Arm], generations: DataFrame) -> Iterator[str]:
             )
 
 
-def _check_names(arms: Sequence[Arm]) -> None:
+def _check(arms: Sequence[Arm]) -> None:
+    """Raises StudyError if the arms cannot be compared, not even with `force`."""
     if len(arms) < 2:
         raise StudyError(
             f"Expected two or more arms, found {len(arms)}; for instance"
             ' --arm expert="supervisor=expert" --arm baseline="supervisor=baseline".'
         )
-    for name, count in Counter(arm.name for arm in arms).items():
-        if count > 1:
-            raise StudyError(f"Expected arms of different names, found {name} {count} times.")
-    names: dict[Any, str] = {}
-    for arm in arms:
-        for run in arm.runs:
-            if run.path in names:
-                raise StudyError(
-                    f"Expected each run in one arm, found {run.path.name} in {names[run.path]} and"
-                    f" in {arm.name}; narrow the selections."
-                )
-            names[run.path] = arm.name
-
-
-def _check_vocabulary(arms: Sequence[Arm]) -> None:
-    """Raises StudyError if the arms' domains, behaviours or tiers differ."""
-    kinds = {_vocabulary(run): arm.name for arm in arms for run in arm.runs}
+    for kind, things in (
+        ("arm of another name", [arm.name for arm in arms]),
+        ("run in one arm", [run.path for arm in arms for run in arm.runs]),
+    ):
+        twice = [str(thing) for thing, n in Counter(things).items() if n > 1]
+        if twice:
+            raise StudyError(f"Expected each {kind}, found {twice[0]} twice; narrow --arm.")
+    kinds = {
+        (run.flat["domain.factory"], c.specialist_names, *c.behaviours, *c.tiers, c.milestones): arm
+        for arm in arms
+        for run in arm.runs
+        for c in [run.classes]
+    }
     if len(kinds) > 1:
-        a, b, *_ = kinds.values()
+        a, b, *_ = (arm.name for arm in kinds.values())
         raise StudyError(
             f"Expected runs of one domain, with the same behaviours and tiers, found others in {a}"
             f" than in {b}; such runs cannot be compared, not even with --force."
         )
 
 
-def _vocabulary(run: Run) -> tuple[object, ...]:
-    """The names that a run's records use."""
-    classes = run.classes
-    return (
-        run.flat["domain.factory"],
-        classes.specialist_names,
-        tuple(classes.behaviours),
-        tuple(classes.tiers),
-        classes.milestones,
-    )
+def _settings(arms: Sequence[Arm]) -> DataFrame:
+    """The configuration as texts, without what does not affect records: a column per run."""
+    from pandas import DataFrame
+
+    runs = [run for arm in arms for run in arm.runs]
+    # The archive changes no population; seeds are checked separately.
+    ignored = runtime_keys(*(run.config for run in runs)) | {"seed", "name", "archive"}
+    texts = {
+        run.path: {k: str(v) for k, v in run.flat.items() if _group(k) not in ignored}
+        for run in runs
+    }
+    return DataFrame(texts).fillna("not set").sort_index()
 
 
-def _inside(arms: Sequence[Arm]) -> list[str]:
+def _inside(arms: Sequence[Arm], settings: DataFrame) -> Iterator[str]:
     """Differences between the runs of one arm."""
-    warnings = []
-    irrelevant = _irrelevant(arms)
     for arm in arms:
-        ignored = irrelevant
-        mixed = {str(run.flat["supervisor.name"]) for run in arm.runs}
-        if len(mixed) > 1:  # then the rest of their settings differs as well
-            ignored |= {"supervisor"}
-            warnings.append(f"within {arm.name}: supervisor.name is {_list(mixed)}")
-        for key in sorted({key for run in arm.runs for key in run.flat}):
-            values = {str(run.flat.get(key)) for run in arm.runs}
-            if len(values) > 1 and _group(key) not in ignored:
-                warnings.append(f"within {arm.name}: {key} is {_list(values)}")
-        twice = [seed for seed, n in Counter(arm.seeds).items() if n > 1]
-        if twice:
-            warnings.append(
-                f"within {arm.name}: seeds {in_short(sorted(twice))} are there more than once;"
+        own = settings[[run.path for run in arm.runs]]
+        mixed = own.loc["supervisor.name"].nunique() > 1  # then its other settings differ as well
+        for key, values in own[own.nunique(axis=1) > 1].iterrows():
+            if not (mixed and _group(key) == "supervisor") or key == "supervisor.name":
+                yield f"within {arm.name}: {key} is {' and '.join(sorted(set(values))[:3])}"
+        if twice := sorted(seed for seed, n in Counter(arm.seeds).items() if n > 1):
+            yield (
+                f"within {arm.name}: seeds {in_short(twice)} are there more than once;"
                 " name=... selects one sweep"
             )
-    return warnings
 
 
-def _differences(arms: Sequence[Arm]) -> Iterator[tuple[str, str]]:
-    """The keys in which the first runs of arms differ, with their values."""
-    irrelevant = _irrelevant(arms)
+def _differences(arms: Sequence[Arm], settings: DataFrame) -> Iterator[tuple[str, str]]:
+    """The keys in which the first runs of arms differ, with the arms by value."""
     names = [arm.name for arm in arms]
-    kinds = {str(run.flat.get("supervisor.factory")) for arm in arms for run in arm.runs}
-    for key in sorted({key for arm in arms for run in arm.runs for key in run.flat}):
-        if _group(key) in irrelevant or key == "supervisor.factory":
-            continue
-        if len(kinds) > 1 and key.startswith("supervisor.policy."):
+    firsts = settings[[arm.runs[0].path for arm in arms]]
+    several = settings.loc["supervisor.factory"].nunique() > 1
+    for key, values in firsts[firsts.nunique(axis=1) > 1].iterrows():
+        if key == "supervisor.factory" or (several and key.startswith("supervisor.policy.")):
             continue  # settings differ with the kind of supervisor
-        values = [str(arm.runs[0].flat.get(key, "not set")) for arm in arms]
-        if len(set(values)) > 1 and not (key == "supervisor.name" and values == names):
-            yield key, _by_value(names, values)
-
-
-def _by_value(names: Sequence[str], values: Sequence[str]) -> str:
-    """The arms by value, as text: "0.4 in a and b, 0.2 in c"."""
-    groups: dict[str, list[str]] = {}
-    for name, value in zip(names, values, strict=True):
-        groups.setdefault(value, []).append(name)
-    most = max(groups, key=lambda value: len(groups[value]))
-    parts = [
-        f"{value} in {' and '.join(group)}"
-        for value, group in groups.items()
-        if value != most or len(group) <= MAX_ARMS
-    ]
-    if len(groups[most]) > MAX_ARMS:
-        parts.append(f"{most} in the others")
-    return ", ".join(parts)
-
-
-def _irrelevant(arms: Sequence[Arm]) -> frozenset[str]:
-    """Groups that do not affect the records of these arms, or are checked separately."""
-    separate = {"seed", "name", "archive"}  # the archive changes no population
-    return runtime_keys(*(run.config for arm in arms for run in arm.runs)) | separate
+        if key == "supervisor.name" and [*values] == names:
+            continue
+        groups: dict[str, list[str]] = {}
+        for name, value in zip(names, values, strict=True):
+            groups.setdefault(value, []).append(name)
+        yield key, ", ".join(f"{value} in {' and '.join(g)}" for value, g in groups.items())
 
 
 def _may_differ(key: str, keys_by_arm: Sequence[frozenset[str]]) -> bool:
@@ -362,17 +324,5 @@ def _contains(whole: str, key: str) -> bool:
     return f"{key}.".startswith(f"{whole}.")
 
 
-def _seeds(arms: Sequence[Arm]) -> list[str]:
-    """A warning if two arms of different seeds share none."""
-    if all({*a.seeds} & {*b.seeds} for a, b in combinations(arms, 2)):
-        return []
-    each = "; ".join(f"{arm.name} {in_short(sorted(set(arm.seeds)))}" for arm in arms)
-    return [f"two arms share no seed: {each}"]
-
-
 def _group(key: str) -> str:
     return key.partition(".")[0]
-
-
-def _list(values: Iterable[str]) -> str:
-    return " and ".join(sorted(values)[:3])

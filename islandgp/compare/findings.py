@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations, product
 from math import isfinite, isnan, nan
@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
 
-from islandgp.compare.arms import Arm
 from islandgp.compare.comparable import Comparison, shared_seeds
 from islandgp.compare.measures import Measure
 from islandgp.errors import StudyError
@@ -43,7 +42,6 @@ Row = Mapping[str, Any]
 class AnalysisPlan:
     """The analysis plan, by the options of the command."""
 
-    families: Mapping[str, tuple[str, ...]] = field(default_factory=dict)  # arms by family
     primary: str | None = None  # key of the measure that is the primary endpoint
     margins: Mapping[str, float] = field(default_factory=dict)  # by measure, in its unit, > 0
 
@@ -52,56 +50,26 @@ DEFAULT_PLAN: Final = AnalysisPlan()
 """The default plan."""
 
 
-def parse_plan(
-    families: Sequence[str], primary: str | None, margins: Sequence[str]
-) -> AnalysisPlan:
+def parse_plan(primary: str | None, margins: Sequence[str]) -> AnalysisPlan:
     """Parses the options of a plan. Raises StudyError if one is not valid."""
-
-    def arms(text: str) -> tuple[str, ...] | None:
-        names = tuple(dict.fromkeys(arm.strip() for arm in text.split(",") if arm.strip()))
-        return names if len(names) > 1 else None
-
-    def above_0(text: str) -> float | None:
-        return value if isfinite(value := float(text)) and value > 0 else None
-
-    groups = _by_name("family", "NAME=ARM,ARM,... with two arms or more", families, arms)
-    if {FIRST, REST} & {*groups}:
-        raise StudyError(
-            f"Expected other names for families than {FIRST!r} and {REST!r}, which are taken;"
-            " choose another name."
-        )
-    bounds = _by_name("margin", "MEASURE=VALUE with a value above 0", margins, above_0)
-    return AnalysisPlan(groups, primary, bounds)
-
-
-def _by_name(
-    option: str, form: str, texts: Sequence[str], parse: Callable[[str], Any]
-) -> dict[str, Any]:
-    """The values of NAME=VALUE by name. Raises StudyError for other texts, or a name twice."""
-    values: dict[str, Any] = {}
-    for text in texts:
-        name, _, rest = (part.strip() for part in text.partition("="))
+    bounds: dict[str, float] = {}
+    for text in margins:
+        name, _, rest = text.partition("=")
         try:
-            value = parse(rest)
+            value = float(rest)
         except ValueError:
-            value = None
-        if not name or value is None:
-            raise StudyError(f"Expected --{option} {form}, found {text!r}; correct or omit it.")
-        if name in values:
-            raise StudyError(f"Expected each {option} once, found {name} twice; leave one out.")
-        values[name] = value
-    return values
+            value = nan
+        if name in bounds or not (name and isfinite(value) and value > 0):
+            raise StudyError(
+                f"Expected --margin MEASURE=VALUE with a value above 0, once for a measure, found"
+                f" {text!r}; for instance --margin mean_fitness_max=2500."
+            )
+        bounds[name] = value
+    return AnalysisPlan(primary, bounds)
 
 
-def check_plan(plan: AnalysisPlan, study: Comparison, keys: Sequence[str]) -> None:
-    """Raises StudyError if an arm of a plan does not exist, or a measure is not in `keys`."""
-    for name, members in plan.families.items():
-        for arm in members:
-            if arm not in study.names:
-                raise StudyError(
-                    f"Expected arms of this comparison in --family {name}, found {arm!r};"
-                    f" there are {', '.join(study.names)}."
-                )
+def check_plan(plan: AnalysisPlan, keys: Sequence[str]) -> None:
+    """Raises StudyError if a measure of a plan is not in `keys`."""
     named = [("--primary", plan.primary)] if plan.primary is not None else []
     named += [("--margin", key) for key in plan.margins]
     for place, key in named:
@@ -109,51 +77,26 @@ def check_plan(plan: AnalysisPlan, study: Comparison, keys: Sequence[str]) -> No
             raise StudyError(
                 f"Expected a measure in {place}, found {key!r}; there are {', '.join(keys)}."
             )
-    families(study, plan)
-
-
-def families(study: Comparison, plan: AnalysisPlan) -> dict[str, tuple[tuple[Arm, Arm], ...]]:
-    """The pairs of arms whose p-values are adjusted together, by family.
-
-    The first family is the first pair. The plan's families follow; a pair belongs to the first
-    one with both arms. The last family has all other pairs.
-
-    Raises:
-        StudyError: all pairs of a family are in earlier families.
-    """
-    first, *remaining = study.pairs
-    result: dict[str, tuple[tuple[Arm, Arm], ...]] = {FIRST: (first,)}
-    for name, arms in plan.families.items():
-        pairs = tuple(pair for pair in remaining if {a.name for a in pair} <= set(arms))
-        if not pairs:
-            raise StudyError(
-                f"Expected pairs of arms in --family {name} that are in no family before it, found"
-                " none; the first pair of arms is a family by itself."
-            )
-        result[name] = pairs
-        remaining = [pair for pair in remaining if pair not in pairs]
-    return {**result, REST: tuple(remaining)} if remaining else result
 
 
 def examine_all(study: Comparison, plan: AnalysisPlan, measures: Sequence[Measure]) -> DataFrame:
-    """The comparisons of all pairs of arms by all measures, family by family.
+    """The comparisons of all pairs of arms by all measures.
 
-    With margins, the families after the first have the measures with margins only. The p-values
-    of other measures, and of those that are not `main`, are adjusted separately.
+    p-values are adjusted over a family of comparisons. One has the first pair of arms, the other
+    all other pairs: with margins, by the measures with margins only. Those of other measures, and
+    of those that are not `main`, are adjusted separately.
     """
     from pandas import DataFrame
 
     rows = []
-    for name, pairs in families(study, plan).items():
-        keys = {m.key for m in measures if m.main}
-        if plan.margins and name != FIRST:
-            keys = {*plan.margins}
-        for (a, b), measure in product(pairs, measures):
-            shared = [*shared_seeds(a, b)]
-            samples = [study.of_arm(arm.name).set_index("seed")[measure.key] for arm in (a, b)]
-            pairs_of_seeds = [sample.loc[shared] for sample in samples]
-            row = examine(measure, (a.name, b.name), samples, study.horizon, pairs=pairs_of_seeds)
-            rows.append({**row, "family": name if measure.key in keys else f"{name}, further"})
+    for (a, b), measure in product(study.pairs, measures):
+        name = FIRST if (a, b) == study.pairs[0] else REST
+        inside = measure.main if name == FIRST or not plan.margins else measure.key in plan.margins
+        shared = [*shared_seeds(a, b)]
+        samples = [study.of_arm(arm.name).set_index("seed")[measure.key] for arm in (a, b)]
+        pairs = [sample.loc[shared] for sample in samples]
+        row = examine(measure, (a.name, b.name), samples, study.horizon, pairs=pairs)
+        rows.append({**row, "family": name if inside else f"{name}, further"})
     return adjust(DataFrame(rows))
 
 
@@ -200,7 +143,6 @@ def examine(
         "difference_low": difference.low,
         "difference_high": difference.high,
         "U": test.u,
-        "z": test.z,
         "p": test.p,
         "kind": test.kind,
         "r": test.r,
@@ -258,8 +200,7 @@ def verdict(row: Row, margin: float | None = None, *, planned: bool = False) -> 
         return f"{side}, shown" + (f", but {within}" if within else "")
     if within:
         return within
-    pairs = row["pairs"]
-    least = min(1.0, 2 / 2.0**pairs) if pairs else least_p(row["n_first"], row["n_second"])
+    least = least_p(row["pairs"]) if row["pairs"] else least_p(row["n_first"], row["n_second"])
     return "not shown" if least < LEVEL else f"not shown: too few runs (least p {least:.2g})"
 
 

@@ -11,7 +11,7 @@ from pydantic import ValidationError
 
 from islandgp.bt.core.language import parse, to_text
 from islandgp.domain import Domain
-from islandgp.errors import ConfigError, IslandError, RunError
+from islandgp.errors import ConfigError, IslandError, RunError, brief
 from islandgp.evaluation.base import Problem
 from islandgp.supervision.library import LibrarySettings, library_folder
 from islandgp.text_files import read_text_file
@@ -70,12 +70,9 @@ def _settings(config: Mapping[str, Any]) -> LibrarySettings:
     try:
         return LibrarySettings.model_validate(config["library"])
     except ValidationError as error:
-        first = error.errors()[0]
-        key = ".".join(map(str, ("library", *first["loc"])))
         raise RunError(
-            f"Expected settings of this version in a run's configuration, found {key}:"
-            f" {first['msg'].lower()}; look at the run with the version that its about.json names,"
-            " or run its command again."
+            f"Expected settings of this version in a run's configuration, found {brief(error)};"
+            " look at the run with the version that its about.json names, or repeat its command."
         ) from None
 
 

@@ -7,7 +7,7 @@ generations and one of runs. A measure is a column of the second.
 from __future__ import annotations
 
 import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
@@ -274,9 +274,3 @@ def advised(i: Mapping[str, Any]) -> bool:
     if i["origin"] == Origin.EDITED:
         return "+" not in i["mutation"]  # "edit:KIND+OPERATOR" if it was
     return bool(i["origin"] == Origin.INJECTED and not i["mutation"])
-
-
-def identical(first: DataFrame, second: DataFrame) -> Iterator[int]:
-    """The seeds whose runs have the same populations in two arms' generations."""
-    a, b = (dict(iter(f.groupby("seed")["population"].agg(tuple).items())) for f in (first, second))
-    return (seed for seed in sorted(a) if a[seed] == b.get(seed))

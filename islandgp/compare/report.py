@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from math import isnan
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING, Final
 
 from islandgp.compare import figures, tables
 from islandgp.compare.arms import arms_of_sweep, find, in_short, select_arms
@@ -30,15 +30,14 @@ from islandgp.compare.findings import (
     effects,
     examine_all,
     factors,
-    families,
     finding,
     parse_plan,
     verdict,
 )
 from islandgp.compare.measures import COSTS, MEAN_MAX, POINTS, Measure, training_measures
-from islandgp.compare.table import number, probability
+from islandgp.compare.table import probability
 from islandgp.records.parameters import short_key
-from islandgp.statistics import UNTESTED, least_p, smallest_difference
+from islandgp.statistics import LEVEL, UNTESTED, detectable_shift, least_p
 
 if TYPE_CHECKING:
     from pandas import DataFrame  # type: ignore[import-untyped] # its stubs are a package apart
@@ -51,12 +50,12 @@ FEW: Final = 4  # most arms, doubts and notes there
 class CompareOptions:
     """What to compare, and how."""
 
-    arms: tuple[str, ...] = ()  # NAME=SELECTION, or a printed name; (): those of the sweep
-    runs: tuple[Path, ...] = (Path("runs"),)  # folders
+    runs: tuple[Path, ...] = ()  # folders
+    folders: tuple[Path, ...] = ()  # more of them; without any: runs
     name: str | None = None  # of a sweep
+    arms: tuple[str, ...] = ()  # NAME=SELECTION, or a printed name; (): those of the sweep
     out: Path | None = None  # folder of the report; None: study/NAME
     primary: str | None = None
-    families: tuple[str, ...] = ()
     margins: tuple[str, ...] = ()
     force: bool = False
     worlds: int = 100  # unseen ones; 0: none
@@ -151,22 +150,19 @@ class Report:
         return "\n".join([*lines, *notes[:FEW], f"Report: {folder / 'index.html'}"])
 
     @property
-    def families(self) -> dict[str, str]:
-        """The pairs of arms of each family, as text."""
-        return {
-            name: ", ".join(f"{a.name} and {b.name}" for a, b in pairs)
-            for name, pairs in families(self.study, self.plan).items()
-        }
-
-    @property
-    def power(self) -> list[dict[str, Any]]:
-        """What the rank test can show, by the numbers of runs of two arms."""
-        sizes = sorted({(len(a.runs), len(b.runs)) for a, b in self.study.pairs})
-        return [
-            {"runs": n, "shift": shift and number(shift, 2), "least": probability(least_p(*n))}
-            for n in sizes
-            for shift in [smallest_difference(*n)]
-        ]
+    def power(self) -> list[str]:
+        """What tests of two arms can show, by their numbers of runs and pairs."""
+        sizes = {(len(shared_seeds(a, b)), len(a.runs), len(b.runs)) for a, b in self.study.pairs}
+        lines = []
+        for pairs, *n in sorted(sizes):
+            least = least_p(pairs) if pairs else least_p(*n)
+            text = f"With {pairs} pairs" if pairs else f"With {n[0]} and {n[1]} runs"
+            text += f", the least p of a test is {probability(least)}"
+            if least < LEVEL:
+                shift = detectable_shift(pairs) if pairs else detectable_shift(*n)
+                text += f"; it finds a shift of {shift:.2g} standard deviations with 80 % power"
+            lines.append(f"{text}. Smaller differences may exist without being shown.")
+        return lines
 
     @property
     def files(self) -> dict[str, str]:
@@ -202,12 +198,13 @@ def select_study(options: CompareOptions) -> tuple[Comparison, AnalysisPlan, Pat
         StudyError: there are no such arms, they are not comparable, or the plan does not fit them.
         RunError: a run is damaged.
     """
-    plan = parse_plan(options.families, options.primary, options.margins)
-    runs = find(options.runs, options.name)
+    plan = parse_plan(options.primary, options.margins)
+    folders = (*options.runs, *options.folders) or (Path("runs"),)
+    runs = find(folders, options.name)
     arms, notes = select_arms(options.arms, runs) if options.arms else arms_of_sweep(runs)
-    study = compare_arms(arms, force=options.force, notes=notes, sources=[*map(str, options.runs)])
+    study = compare_arms(arms, force=options.force, notes=notes, sources=[*map(str, folders)])
     later = champion_keys(study) if options.worlds else ()
-    check_plan(plan, study, [*(m.key for m in study_measures(study)), *later])
+    check_plan(plan, [*(m.key for m in study_measures(study)), *later])
     name = "-".join(study.names) if options.arms else str(study.arms[0].runs[0].config["name"])
     return study, plan, options.out or Path("study") / _file_name(name)
 
@@ -229,12 +226,12 @@ def build(
 
     Args:
         study: the arms.
-        plan: endpoint, families and margins.
+        plan: endpoint and margins.
         worlds: number of unseen worlds for the best robots and the library's trees.
         make: creates an evaluator for these worlds; None: without them.
 
     Raises:
-        StudyError: the domain cannot be imported, or the plan has another arm or measure.
+        StudyError: the domain cannot be imported, or the plan has another measure.
         EvaluationError: an episode cannot be run.
     """
     tested, measures = None, study_measures(study)
@@ -243,7 +240,7 @@ def build(
         tested = evaluate_champions(study, make, worlds=worlds, trees=trees)
         runs, further = with_champions(study, tested)
         study, measures = replace(study, runs=runs), (*measures, *further)
-    check_plan(plan, study, [m.key for m in measures])
+    check_plan(plan, [m.key for m in measures])
     requested = {plan.primary, *plan.margins}
     rows = examine_all(study, plan, [m for m in measures if m.main or m.key in requested])
     report = Report(study, plan, measures, rows, tested, worlds)

@@ -21,22 +21,19 @@ from islandgp.records.lines import Lines, dump
 from islandgp.scoring.generation_stats import GenerationStats
 
 
-def save_state(
-    path: Path, state: RunState, *, records: str = "", previous: Path | None = None
-) -> None:
+def save_state(path: Path, state: RunState, *, records: str = "") -> None:
     """Writes a checkpoint, a state without its history, with its checksum.
 
     Args:
         path: the file.
         state: of the run.
         records: SHA-256 of the lines of the records up to this state.
-        previous: new path of the checkpoint that is replaced.
     """
     plain_state = to_json(replace(state, history=()))
     del plain_state["history"]
     body = dump({"generation": state.generation, "records": records, **plain_state})
     digest = hashlib.sha256(body.encode()).hexdigest()
-    write_atomic(path, f'{{"sha256":"{digest}","state":{body}}}\n'.encode(), previous=previous)
+    write_atomic(path, f'{{"sha256":"{digest}","state":{body}}}\n'.encode())
 
 
 def read_checkpoint(path: Path) -> tuple[RunState, str]:
@@ -63,65 +60,41 @@ def generation_of(checkpoint: Path) -> int:
     return int(head[1]) if head else 0
 
 
-def sound_state(
-    checkpoints: tuple[Path, Path], generations: Lines, warn: Callable[[str], None]
+def restored_state(
+    checkpoint: Path, generations: Lines, warn: Callable[[str], None]
 ) -> RunState | None:
-    """The state of the newest sound checkpoint, whose file then replaces the newest one.
+    """The state in a checkpoint with its history; None if the run starts at generation 0.
 
-    Args:
-        checkpoints: the newest checkpoint and the one before it.
-        generations: the records.
-        warn: called with one line for each damaged file.
-
-    Returns:
-        The state with its history; None if the run starts at generation 0.
+    `warn` is called with one line if the run starts again although it has a record.
 
     Raises:
-        RunError: no checkpoint is sound, or the records before it are damaged or missing.
+        RunError: the checkpoint or a record before it is damaged or missing.
     """
-    newest = checkpoints[0]
-    files = [file for file in checkpoints if file.exists()]
-    if not files:
-        if must_be_new(newest, generations):
-            warn(f"There is no {newest}: the run restarts at generation 0.")
+    if not checkpoint.exists():
+        if must_be_new(checkpoint, generations):
+            warn(f"There is no {checkpoint}: the run restarts at generation 0.")
         return None
-    damage = [] if files[0] == newest else [f"There is no {newest}."]
-    for file in files:
-        try:
-            state = _with_history(file, generations)
-        except RunError as error:
-            damage.append(str(error))
-            continue
-        if damage:
-            reason = damage[0].partition(";")[0].rstrip(".")
-            warn(f"{reason}; continuing from the checkpoint of generation {state.generation}.")
-            file.replace(newest)
-        return state
-    raise RunError(damage[0])
+    state, expected = read_checkpoint(checkpoint)
+    lines = must_be_recorded(state.generation, expected, generations)
+    records = (generations.value(line, i) for i, line in enumerate(lines))
+    history = tuple(from_plain(GenerationStats, record["snapshot"]) for record in records)
+    return replace(state, history=history)
 
 
-def must_be_new(newest: Path, generations: Lines) -> int:
+def must_be_new(checkpoint: Path, generations: Lines) -> int:
     """The number of records. Raises RunError if there are several but no checkpoint."""
     if (n := sum(1 for _ in generations.whole())) > 1:
         raise RunError(
-            f"Expected a checkpoint beside {n} generations in {newest}, found none;"
+            f"Expected a checkpoint beside {n} generations in {checkpoint}, found none;"
             " restore it, or use resume=never for a new folder beside this one."
         )
     return n
 
 
-def must_be_recorded(lines: list[bytes], expected: str, generations: Lines) -> None:
-    """Raises RunError if the digest of these lines of the records is not that of a checkpoint."""
+def must_be_recorded(n: int, expected: str, generations: Lines) -> list[bytes]:
+    """The first `n` records. Raises RunError if there are fewer, or their digest is another."""
+    lines = generations.head(n)
     if lines and hashlib.sha256(b"".join(lines)).hexdigest() != expected:
-        reason = f"a record before generation {len(lines)} differs from its checksum"
+        reason = f"a record before generation {n} differs from its checksum"
         raise damaged(generations.description, generations.path, reason)
-
-
-def _with_history(file: Path, generations: Lines) -> RunState:
-    """A checkpoint's state. Raises RunError if it or a record before it is damaged or missing."""
-    state, expected = read_checkpoint(file)
-    lines = generations.head(state.generation)
-    must_be_recorded(lines, expected, generations)
-    records = (generations.value(line, i) for i, line in enumerate(lines))
-    history = tuple(from_plain(GenerationStats, record["snapshot"]) for record in records)
-    return replace(state, history=history)
+    return lines

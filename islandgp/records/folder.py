@@ -33,8 +33,8 @@ from islandgp.records.checkpoint import (
     must_be_new,
     must_be_recorded,
     read_checkpoint,
+    restored_state,
     save_state,
-    sound_state,
 )
 from islandgp.records.files import LONG, RunMetadata, RunSummary, pretty
 from islandgp.records.parameters import without_credentials
@@ -77,7 +77,6 @@ class RunFolder:
         self._generations = files.generation_lines(path)
         self._costs = files.cost_lines(path)
         self._checkpoint = path / "checkpoint.json"
-        self._previous = path / "checkpoint.previous.json"
         self._digest = hashlib.sha256()  # of the records that this process has read and written
 
     def open(self, config: str, about: RunMetadata) -> None:
@@ -162,10 +161,8 @@ class RunFolder:
 
     @property
     def agent(self) -> str:
-        """The term for individuals in titles (`classes.agent`); Robot if it cannot be read."""
-        with suppress(RunError, AttributeError):
-            return str(self.configuration().get("classes", {}).get("agent", "Robot"))
-        return "Robot"
+        """The term for individuals in titles."""
+        return str(self.configuration()["classes"].get("agent", "Robot"))
 
     def finished(self) -> bool:
         """True if the run is complete."""
@@ -174,14 +171,10 @@ class RunFolder:
     def _as_written(self, name: str) -> Path:
         """A file. Raises RunError for a link in the folder or damage to a finished run."""
         check_folder(self.path)
-        has_end = (self.path / manifest.NAME).exists() and not self._has_checkpoint()
+        has_end = (self.path / manifest.NAME).exists() and not self._checkpoint.exists()
         if has_end or self.finished():
             manifest.must_be_as_written(self.path, name)
         return self.path / name
-
-    def _has_checkpoint(self) -> bool:
-        """True if the run has a checkpoint, which its end removes after the summary is written."""
-        return self._checkpoint.exists() or self._previous.exists()
 
     def must_be_sound(self, *, page: bool = True) -> None:
         """Raises RunError if a file of a finished run was changed or is missing.
@@ -199,12 +192,11 @@ class RunFolder:
     def resume(self, warn: Callable[[str], None] = lambda _: None) -> RunState | None:
         """The state to continue from; None: the run starts at generation 0.
 
-        Records after the checkpoint are cut off. If the newest checkpoint or the record before it
-        is damaged, the one before is used. `warn` is called with one line for each damaged file.
+        Records after the checkpoint are cut off. `warn` is called with one line for what is lost.
 
         Raises:
-            RunError: the run is finished, no checkpoint is sound, records before it are
-                damaged or missing, or the folder cannot be used.
+            RunError: the run is finished, the checkpoint or a record before it is damaged or
+                missing, or the folder cannot be used.
         """
         if self.finished():
             raise RunError(
@@ -212,8 +204,7 @@ class RunFolder:
                 " for a new folder beside it."
             )
         with usable(self.path):
-            checkpoints = (self._checkpoint, self._previous)
-            state = sound_state(checkpoints, self._generations, warn)
+            state = restored_state(self._checkpoint, self._generations, warn)
             done = state.generation if state else 0
             self._digest = hashlib.sha256(self._generations.cut(done))
             files.mend_costs(self._costs, done, warn)
@@ -224,15 +215,20 @@ class RunFolder:
     def restore(self) -> None:
         """Writes missing files of a finished run that can be made from others."""
         with usable(self.path):
-            best = self.path / "best.bt"
-            if not best.exists():
-                self._restore_best(self.summary()["champion"]["text"])
-            self._restore_long(self.summary())
-            if not (self.path / "lineage.csv").exists():
-                self._write_lineage()
+            self._write_derived(self.summary())
 
-    def _write_lineage(self) -> None:
-        write_atomic(self.path / "lineage.csv", files.lineage_table(self.records()))
+    def _write_derived(self, summary: Mapping[str, Any], *, again: bool = False) -> None:
+        """Writes the files that are made from others; `again`: also those that exist."""
+        champion = summary["champion"]
+        contents: dict[str, Callable[[], bytes]] = {
+            "best.bt": lambda: self.best_text(champion["text"]).encode(),
+            "lineage.csv": lambda: files.lineage_table(self.records()),
+        }
+        if champion["tree"] != champion["record"]["tree"]:
+            contents[LONG] = lambda: self.best_text(champion["record"]["tree"]).encode()
+        for name, content in contents.items():
+            if again or not (self.path / name).exists():
+                write_atomic(self.path / name, content())
 
     def best_text(self, tree: str) -> str:
         """The content of best.bt for a tree: its domain and its canonical text."""
@@ -244,12 +240,6 @@ class RunFolder:
         best, text = self.path / "best.bt", self.best_text(tree).encode()
         if not best.exists() or read_bytes(best) != text:
             write_atomic(best, text)
-
-    def _restore_long(self, summary: Mapping[str, Any]) -> None:
-        """Writes the best robot's tree before it was shortened, if it was."""
-        champion = summary["champion"]
-        if champion["tree"] != champion["record"]["tree"] and not (self.path / LONG).exists():
-            write_atomic(self.path / LONG, self.best_text(champion["record"]["tree"]).encode())
 
     def append(self, step: Step) -> tuple[dict[str, Any], dict[str, Any]]:
         """Records a generation, then the checkpoint. Raises RunError as `usable`.
@@ -266,17 +256,17 @@ class RunFolder:
                 self._restore_best(step.champion.record.tree)
             if step.state is not None:
                 digest = self._digest.hexdigest()
-                save_state(self._checkpoint, step.state, records=digest, previous=self._previous)
+                save_state(self._checkpoint, step.state, records=digest)
         return record, cost
 
     def completed_generations(self) -> int:
         """Number of generations that resuming the run will not repeat, >= 0."""
         if self.finished():
             return int(self.summary()["generations"])
-        return generation_of(self._checkpoint) or generation_of(self._previous)
+        return generation_of(self._checkpoint)
 
     def finish(self, summary: dict[str, Any], archive: ArchiveFile | None = None) -> None:
-        """Writes archive, lineage, manifest and summary, and removes the checkpoints.
+        """Writes archive, lineage, manifest and summary, and removes the checkpoint.
 
         Raises:
             RunError: the records are not those that were appended, or the folder cannot be used.
@@ -292,14 +282,11 @@ class RunFolder:
                 )
             if archive is not None:
                 write_atomic(self.path / ARCHIVE, archive.to_bytes())
-            self._restore_best(summary["champion"]["text"])
-            self._restore_long(summary)
-            self._write_lineage()
+            self._write_derived(summary, again=True)
             end = pretty(summary)
             manifest.write_manifest(self.path, end)
             write_atomic(self.path / "summary.json", end)
             self._checkpoint.unlink(missing_ok=True)
-            self._previous.unlink(missing_ok=True)
 
     def records(self, first: int = 0) -> Iterator[dict[str, Any]]:
         """Generation records from generation `first` on, as plain JSON values.
@@ -309,20 +296,18 @@ class RunFolder:
         """
         self._as_written(self._generations.path.name)
         if not self.finished():
-            n, expected = self.last_record()
-            must_be_recorded(self._generations.head(n), expected, self._generations)
+            must_be_recorded(*self.last_record(), self._generations)
         return self._generations.read(first)
 
     def last_record(self) -> tuple[int, str]:
-        """Number and digest of the records before the newest checkpoint of an unfinished run.
+        """Number and digest of the records before the checkpoint of an unfinished run.
 
         Raises:
-            RunError: the newest checkpoint is damaged, or missing.
+            RunError: the checkpoint is damaged, or missing.
         """
-        for checkpoint in (self._checkpoint, self._previous):
-            with suppress(FileNotFoundError):  # the run may write it at this moment
-                state, expected = read_checkpoint(checkpoint)
-                return state.generation, expected
+        with suppress(FileNotFoundError):
+            state, expected = read_checkpoint(self._checkpoint)
+            return state.generation, expected
         if not self.finished():
             must_be_new(self._checkpoint, self._generations)
         return 0, ""

@@ -19,7 +19,7 @@ from islandgp.records.files import LONG, PAGE, pretty
 
 NAME: Final = "manifest.json"
 
-UNLISTED: Final = frozenset({NAME, "checkpoint.json", "checkpoint.previous.json"})
+UNLISTED: Final = frozenset({NAME, "checkpoint.json"})
 """Files without an entry, as they change or are removed after the end. Hidden files have none."""
 
 REQUIRED: Final = (

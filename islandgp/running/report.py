@@ -61,7 +61,7 @@ class RunTotals:
     @property
     def episodes(self) -> int:
         """Episodes so far."""
-        return round(self.curves.episodes[-1]) if self.curves.generations else 0
+        return self.curves.episodes
 
 
 def totals_of(folder: RunFolder, candidates: Candidates) -> RunTotals:

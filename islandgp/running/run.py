@@ -43,7 +43,7 @@ from islandgp.supervision.base import (
 )
 from islandgp.tracking.base import Tracker
 from islandgp.viewer.history import RunCurves
-from islandgp.viewer.page_file import complete_page, write_page
+from islandgp.viewer.page_file import write_page
 
 _DUMPER: Final = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 """The dumper of the C library, unless PyYAML was built without it; it is four times as fast."""
@@ -156,10 +156,8 @@ def _write_page(
 ) -> None:
     """Writes the page of a run at its end; an error is printed."""
     try:
-        if status is Status.FINISHED:
-            complete_page(folder, curves, settings.problem)
-        elif folder.begun():
-            write_page(folder, status, curves)
+        if folder.begun():
+            write_page(folder, status, curves, settings.problem)
     except RunError as error:
         _warn(f"no new {PAGE}: {error}")
 

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from islandgp.bt.core.language import parse
 from islandgp.bt.export.render import to_svg
 from islandgp.gate import check_folder, read_text
 from islandgp.records.files import LONG, PAGE, RunMetadata
 from islandgp.records.folder import RunFolder, Status
-from islandgp.records.values import fallback_words, validation_mean
-from islandgp.text import in_points, title
+from islandgp.records.sentences import best_robot_in_a_sentence, constrained, reached
 from islandgp.viewer.run_page import embedded_replay
 
 FILES: Final = (
@@ -59,33 +58,14 @@ def artifacts(folder: RunFolder, *, has_page: bool = True) -> Iterator[Artifact]
         yield Artifact("replay.html", lambda: replay)
 
 
-def _points(summary: Mapping[str, Any]) -> str:
-    """The best robot's points in validation worlds and in training."""
-    trained, mean = summary["champion"]["record"]["fitness"], validation_mean(summary)
-    if mean is None:
-        return f"{in_points(trained)} points in training, not validated"
-    return f"**{in_points(mean)}** points in unseen worlds, {in_points(trained)} in training"
-
-
 def note(folder: RunFolder, about: RunMetadata, status: Status) -> str:
     """The run's description in MLflow, in Markdown."""
     lines = [f"**{about.title}** ({status.value.lower()})", ""]
     if folder.finished():
-        s, agent = folder.summary(), folder.agent
-        fallback = fallback_words([s])
-        lines += [
-            f"- best robot, of generation {s['champion']['generation']}: {_points(s)}",
-            *(
-                f"- first {title(tier)} {agent}: {'never' if g is None else f'generation {g}'}"
-                for tier, g in s["first"].items()
-            ),
-            f"- mean diversity {s['mean_diversity']:.3f}",
-            *([f"- the fallback's answers: {fallback}"] if fallback else []),
-            "",
-            "```",
-            s["champion"]["text"].rstrip(),
-            "```",
-        ]
+        summary = folder.summary()
+        champion = summary["champion"]
+        sentences = [best_robot_in_a_sentence(champion), *reached(champion), *constrained(summary)]
+        lines += [*(f"- {line}" for line in sentences), "", "```", champion["text"].rstrip(), "```"]
     elif error := folder.error():
         lines += ["```", error.strip()[-3000:], "```"]
     lines += ["", f"`{about.command}`", "", f"Records: `{folder.path}`"]

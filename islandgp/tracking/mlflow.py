@@ -11,7 +11,6 @@ import shlex
 import sys
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
-from contextlib import suppress
 from functools import cache
 from pathlib import Path
 from queue import Queue
@@ -19,11 +18,11 @@ from threading import Thread
 from time import monotonic, sleep
 from typing import Final
 
-from islandgp.errors import RunError, TrackingError, brief
-from islandgp.records.folder import RunFolder, Status, run_folders
+from islandgp.errors import TrackingError, brief
+from islandgp.records.folder import RunFolder, Status
 from islandgp.resources import program
 from islandgp.tracking.store import MLflowSettings, Store, TrackingStore, check_place, load
-from islandgp.tracking.sync import place_of, sync
+from islandgp.tracking.sync import sync
 from islandgp.tracking.upload import RunUploader
 
 DEFAULT: Final = ("sqlite:///mlflow.db", "islandgp")
@@ -175,21 +174,17 @@ class MLflow:
 
 
 def sync_command(folders: Sequence[Path], places: Sequence[TrackingStore]) -> str:
-    """The command that sends the missing records of folders to their stores; a line for each."""
-    if len({*places}) == 1:
-        words = [program(), "sync", *(shlex.quote(str(folder.absolute())) for folder in folders)]
-        return " ".join([*words, *store_options(places[0])])
-    jobs: dict[TrackingStore, list[Path]] = {place: [] for place in places}
-    for run in (run for folder in folders for run in run_folders(folder)):
-        with suppress(RunError):  # a damaged one is reported by `sync`
-            if place := place_of(run, places):
-                jobs[place].append(run.path)
-    return "\n  ".join(sync_command(runs, [place]) for place, runs in jobs.items() if runs)
+    """The command that sends the missing records of folders to their stores.
+
+    It names the store, unless there are several: then `sync` finds that of each run.
+    """
+    words = [program(), "sync", *(shlex.quote(str(folder.absolute())) for folder in folders)]
+    return " ".join([*words, *(store_options(places[0]) if len({*places}) == 1 else [])])
 
 
 def store_options(place: TrackingStore) -> list[str]:
     """The options by which `sync` and `ui` find a store; none for that of the package's files."""
-    if place.configured == DEFAULT and place.file == Path.cwd() / "mlflow.db":
+    if (place.configured, place.experiment) == DEFAULT and place.file == Path.cwd() / "mlflow.db":
         return []
     return ["--uri", shlex.quote(place.uri), "--experiment", shlex.quote(place.experiment)]
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 import logging
 import os
 import re
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from errno import ENOSPC
@@ -17,15 +17,13 @@ from getpass import getuser
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
-from urllib.parse import quote, unquote, urlsplit
+from urllib.parse import quote, urlsplit
 
 from filelock import FileLock
 from pydantic import BaseModel, Field, field_validator
 
 from islandgp.atomic_files import must_take_files
 from islandgp.errors import TrackingError
-from islandgp.records.parameters import CREDENTIALS
-from islandgp.redaction import HIDDEN
 from islandgp.tracking.sqlite_paths import check_artifacts, check_experiment, location
 
 if TYPE_CHECKING:
@@ -35,7 +33,6 @@ if TYPE_CHECKING:
     from islandgp.records.files import RunMetadata
 
 SQLITE: Final = "sqlite:///"
-POINTS: Final = 1000  # MLflow's limit of metrics a call
 PARAMETERS: Final = 100  # MLflow's limit of parameters a call
 MAX_PARAMETER: Final = 6000  # MLflow's limit of characters a parameter
 MAX_NAME: Final = 250  # MLflow's limit of characters of a name
@@ -64,7 +61,7 @@ ENVIRONMENT: Final = {
 class MLflowSettings(BaseModel, frozen=True, extra="forbid"):
     """Settings of `tracking=mlflow`."""
 
-    uri: str = Field(pattern=r"^(sqlite:///.+|https?://.+)$")
+    uri: str = Field(pattern=r"^(sqlite:///.+|https?://.+)$")  # without a password
     artifacts: str = Field(min_length=1)  # folder, for the SQLite store; a server knows its own
     experiment: str = Field(min_length=1)  # name of the MLflow experiment
     patience: float = Field(ge=0, le=3600)  # s to wait for the store at the end of a run
@@ -81,6 +78,11 @@ class MLflowSettings(BaseModel, frozen=True, extra="forbid"):
             sound = False
         if not sound:
             raise ValueError("expected http://HOST:PORT with a port from 1 to 65535")
+        if "@" in parts.netloc:
+            raise ValueError(
+                "expected an address without a password; set MLFLOW_TRACKING_USERNAME and"
+                " MLFLOW_TRACKING_PASSWORD"
+            )
         return uri
 
 
@@ -91,22 +93,17 @@ class TrackingStore:
     uri: str  # of a file: sqlite:/// and its absolute path
     artifacts: str | None  # absolute folder; None: the server decides
     experiment: str
-    credentials: str = field(default="", repr=False, compare=False)  # NAME:PASSWORD of the address
-    configured: tuple[str, str] = field(default=("", ""), repr=False, compare=False)
-    """Address and experiment as in the configuration, without credentials."""
+    configured: str = field(default="", repr=False, compare=False)  # the address as configured
 
     @classmethod
     def of(cls, settings: MLflowSettings, home: Path) -> TrackingStore:
         """The place for these settings; relative paths are relative to `home`."""
-        configured = configured_name(settings.uri, settings.experiment)
-        if not settings.uri.startswith(SQLITE):
-            uri = CREDENTIALS.sub("", settings.uri).rstrip("/")
-            match = CREDENTIALS.search(settings.uri)
-            credentials = match[0].removesuffix("@") if match else ""
-            return cls(uri, None, settings.experiment, credentials, configured)
-        file = os.path.normpath(home.resolve() / settings.uri.removeprefix(SQLITE))
+        uri, experiment = settings.uri.rstrip("/"), settings.experiment
+        if not uri.startswith(SQLITE):
+            return cls(uri, None, experiment, uri)
+        file = os.path.normpath(home.resolve() / uri.removeprefix(SQLITE))
         artifacts = os.path.normpath(home.resolve() / settings.artifacts)
-        return cls(f"{SQLITE}{file}", artifacts, settings.experiment, "", configured)
+        return cls(f"{SQLITE}{file}", artifacts, experiment, uri)
 
     @property
     def file(self) -> Path | None:
@@ -130,11 +127,6 @@ class TrackingStore:
 
 
 UNQUOTED: Final = "".join(chr(n) for n in range(32, 127) if chr(n) not in "?%#")
-
-
-def configured_name(uri: str, experiment: str) -> tuple[str, str]:
-    """Address and experiment without credentials, to compare configurations."""
-    return CREDENTIALS.sub("", uri).rstrip("/"), experiment
 
 
 def check_place(place: TrackingStore) -> None:
@@ -162,15 +154,9 @@ class Store:
     def __init__(self, place: TrackingStore) -> None:
         """Opens the store. Raises TrackingError if its experiment was deleted."""
         self.place = place
-        self._client = _client(place)
+        self.client = _client(place)
         self.experiment = self._experiment()
         place.remove_stray_folder()
-
-    @property
-    def client(self) -> MlflowClient:
-        """MLflow's client, with the name and password of this place."""
-        _authenticate(self.place)
-        return self._client
 
     def _experiment(self) -> str:
         from mlflow.exceptions import MlflowException
@@ -205,11 +191,6 @@ class Store:
             self.experiment, start_time=started, tags={**tags, **standard_tags}, run_name=name
         )
         return str(run.info.run_id)
-
-    def log_metrics(self, run: str, points: Sequence[Metric]) -> None:
-        """Sends points in calls of the size that MLflow accepts."""
-        for i in range(0, len(points), POINTS):
-            self.client.log_batch(run, metrics=points[i : i + POINTS])
 
     def log_parameters(self, run: str, pairs: Iterable[tuple[str, str]]) -> None:
         """Sends parameters in calls of the size that MLflow accepts; long values are cut."""
@@ -282,7 +263,6 @@ def load() -> str:
 
 def _client(place: TrackingStore) -> MlflowClient:
     load()
-    _authenticate(place)
     from mlflow.tracking import MlflowClient
     from mlflow.tracking._tracking_service.utils import _get_store
 
@@ -292,31 +272,6 @@ def _client(place: TrackingStore) -> MlflowClient:
     if place.file is not None and place.artifacts is not None:
         check_experiment(place.file, Path(place.artifacts), place.experiment)
     return MlflowClient(tracking_uri=place.address)
-
-
-ACCOUNT: Final = ("MLFLOW_TRACKING_USERNAME", "MLFLOW_TRACKING_PASSWORD")
-
-_user_values: Final[dict[str, str | None]] = {}
-"""The user's values of these variables while those of an address replace them."""
-
-
-def _authenticate(place: TrackingStore) -> None:
-    """Passes the name and password of an address to MLflow by environment variables.
-
-    A place without them gets the user's own variables, never those of another address.
-    """
-    name, _, password = place.credentials.partition(":")
-    if name not in ("", HIDDEN):  # hidden where the address was read from a run's folder
-        for variable, value in zip(ACCOUNT, (unquote(name), unquote(password)), strict=True):
-            _user_values.setdefault(variable, os.environ.get(variable))
-            os.environ[variable] = value
-        return
-    for variable, before in _user_values.items():
-        if before is None:
-            os.environ.pop(variable, None)
-        else:
-            os.environ[variable] = before
-    _user_values.clear()
 
 
 def _make(file: Path) -> bool:

@@ -18,7 +18,7 @@ from islandgp.gate import cleaned
 from islandgp.records.folder import RunFolder, Status, run_folders
 from islandgp.records.parameters import without_credentials
 from islandgp.sweep.folder import SweepFolder
-from islandgp.tracking.store import MLflowSettings, Store, TrackingStore, configured_name
+from islandgp.tracking.store import MLflowSettings, Store, TrackingStore
 from islandgp.tracking.upload import RunUploader, send_sweep
 
 FACTORY: Final = "islandgp.tracking.mlflow:MLflow"
@@ -37,7 +37,8 @@ def place_from(uri: str, experiment: str) -> TrackingStore:
         if not experiment:
             raise TrackingError("Expected the name of an experiment, found none.") from None
         raise TrackingError(
-            "Expected a store as sqlite:///FILE or http://HOST:PORT, with a port from 1 to 65535,"
+            "Expected a store as sqlite:///FILE or http://HOST:PORT, with a port from 1 to 65535"
+            " and without a password (set MLFLOW_TRACKING_USERNAME and MLFLOW_TRACKING_PASSWORD),"
             f" found {cleaned(without_credentials(uri))!r}."
         ) from None
     file = TrackingStore.of(settings, Path.cwd()).file
@@ -56,11 +57,10 @@ def place_of(folder: RunFolder, places: Iterable[TrackingStore]) -> TrackingStor
         return None
     params = tracking.get("policy")
     params = params if isinstance(params, dict) else {}
-    name = configured_name(str(params.get("uri")), str(params.get("experiment")))
+    uri, experiment = str(params.get("uri")).rstrip("/"), str(params.get("experiment"))
     for place in places:
-        if place.configured == name:
+        if (place.configured, place.experiment) == (uri, experiment):
             return place
-    uri, experiment = name
     raise UntrustedError(
         f"Expected a store that your own command or configuration names, found {uri} with"
         f" experiment {experiment}, which only the run names; give --uri and --experiment, or"

@@ -1,8 +1,7 @@
 """Starts MLflow's UI for a store, with the smallest server that MLflow offers.
 
-It opens on two views of the runs page: the arms of the latest sweep as charts, and all runs as a
-table. MLflow stores a view as a tag of the experiment and opens it by its key in the address;
-without a stored view of that key the page lists all runs.
+Its addresses are those of the runs page: the arms of the latest sweep as charts, and all runs as a
+table. MLflow stores a view as a tag of the experiment and opens it by its key in the address.
 """
 
 from __future__ import annotations
@@ -14,23 +13,21 @@ import socket
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from time import monotonic, sleep
-from typing import Any, Final
+from typing import Final
 from urllib.error import URLError
 from urllib.request import urlopen
 
 from islandgp.errors import TrackingError, brief
 from islandgp.gate import cleaned
 from islandgp.tracking.sqlite_paths import check_addresses, location
-from islandgp.tracking.store import ARM, Store, TrackingStore
+from islandgp.tracking.store import Store, TrackingStore
 
-RECENT: Final = 100  # runs whose milestones are read
-MAX_MILESTONES: Final = 5  # milestones with a chart; a tag has at most 5000 characters
 HOST: Final = "mlflow.localhost"
 """The host in the pages' addresses, which browsers resolve to 127.0.0.1.
 
@@ -38,58 +35,26 @@ On localhost and 127.0.0.1 MLflow opens its assistant over a quarter of the page
 """
 
 
-def runs_page(server: str, experiment: str, mode: str, view: str) -> str:
-    """The address of a view, as CHART or TABLE: MLflow itself opens on an empty page."""
-    query = f"workflowType=machine_learning&compareRunsMode={mode}&viewStateShareKey={view}"
+def runs_page(server: str, experiment: str, mode: str) -> str:
+    """The address of an experiment's runs in a mode: MLflow itself opens on an empty page."""
+    query = f"workflowType=machine_learning&compareRunsMode={mode}"
     return f"{server}/#/experiments/{experiment}/runs?{query}"
 
 
-def share_views(store: Store) -> str:
-    """Store the views; return the name of the latest sweep, or "" if there is none."""
+def share_view(store: Store) -> str:
+    """Store the view of the arms; return the name of the latest sweep, or "" if there is none.
+
+    `arms_view.json` has the view in the format of MLflow's pages: runs grouped by their arm.
+    """
+    view = json.loads(Path(__file__).with_name("arms_view.json").read_text(encoding="utf-8"))
     sweeps = store.client.search_runs(
         [store.experiment], "tags.kind = 'sweep'", max_results=1, order_by=["start_time DESC"]
     )
-    recent = store.client.search_runs([store.experiment], max_results=RECENT)
-    jobs = [run for run in recent if run.data.tags.get("kind") != "sweep"]
-    tiers = _milestones(jobs)
-    factors = sorted({tag for job in jobs for tag in job.data.tags if tag.startswith("factor.")})
-    views = {"arms": _view(tiers, factors, ARM), "runs": _view(tiers, factors, "sweep", ARM)}
     for sweep in sweeps:
-        views["arms"]["searchFilter"] = f"tags.`mlflow.parentRunId` = '{sweep.info.run_id}'"
-    for key, view in views.items():
-        text = json.dumps(view, separators=(",", ":"))
-        store.client.set_experiment_tag(store.experiment, f"mlflow.sharedViewState.{key}", text)
+        view["searchFilter"] = f"tags.`mlflow.parentRunId` = '{sweep.info.run_id}'"
+    text = json.dumps(view, separators=(",", ":"))
+    store.client.set_experiment_tag(store.experiment, "mlflow.sharedViewState.arms", text)
     return next((cleaned(sweep.data.tags.get("sweep", "")) for sweep in sweeps), "")
-
-
-def _milestones(jobs: Sequence[Any]) -> list[str]:
-    named = [json.loads(run.data.params.get("classes.milestones", "[]")) for run in jobs]
-    return list(dict.fromkeys(tier for milestones in named for tier in milestones))[:MAX_MILESTONES]
-
-
-def _view(tiers: list[str], factors: list[str], *tags: str) -> dict[str, Any]:
-    """A view in the format of MLflow's pages, with the runs grouped by tags.
-
-    `arms_view.json` has what is the same in each. After its first two charts comes one for each
-    milestone, and after its columns, in MLflow's spelling, the generation of the first such robot.
-    """
-    view = json.loads(Path(__file__).with_name("arms_view.json").read_text(encoding="utf-8"))
-    first, second, *others = view["charts"]
-    charts = [first, second, *(f"tiers/{tier}" for tier in tiers), *others]
-    keys = [{"mode": "tag", "groupByData": tag} for tag in tags]
-    return {
-        **view["state"],
-        "groupBy": {**view["state"]["groupBy"], "groupByKeys": keys},
-        "selectedColumns": [
-            *view["columns"],
-            *(f"tags.`{factor}`" for factor in factors),
-            *(f"metrics.`run/first.{tier}`" for tier in tiers),
-        ],
-        "compareRunCharts": [
-            {**view["chart"], "uuid": name, "metricKey": name, "selectedMetricKeys": [name]}
-            for name in charts
-        ],
-    }
 
 
 STARTS: Final = 300.0  # s that the server may take to start; on a busy machine it takes a minute
@@ -100,7 +65,7 @@ class Pages:
     """Addresses to open in a browser."""
 
     arms: str  # charts, a curve for each arm
-    runs: str  # a table of all runs below their sweeps and arms
+    runs: str  # a table of all runs
     sweep: str = ""  # whose arms are shown; "": the store has no sweep, all runs are shown
 
 
@@ -146,15 +111,15 @@ def served(place: TrackingStore, port: int) -> Iterator[Pages]:
 
 
 def _pages(server: str, experiment: str, sweep: str) -> Pages:
-    arms = runs_page(server, experiment, "CHART", "arms")
-    return Pages(arms, runs_page(server, experiment, "TABLE", "runs"), sweep)
+    arms = runs_page(server, experiment, "CHART") + "&viewStateShareKey=arms"
+    return Pages(arms, runs_page(server, experiment, "TABLE"), sweep)
 
 
 def _opened(place: TrackingStore) -> tuple[Store, str]:
-    """The store with its views, and the name of its latest sweep."""
+    """The store with its view, and the name of its latest sweep."""
     try:
         store = Store(place)
-        return store, share_views(store)
+        return store, share_view(store)
     except TrackingError:
         raise
     except Exception as error:  # a store may be away, or damaged, in any way

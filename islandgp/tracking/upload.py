@@ -17,7 +17,7 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from filelock import FileLock
 
@@ -29,11 +29,8 @@ from islandgp.scoring.constraints import recorded_constraints
 from islandgp.sweep.folder import SweepFile, SweepFolder, arm_of
 from islandgp.sweep.summary import ArmSummary, arm_table, arms, sweep_note
 from islandgp.tracking.artifacts import Artifact, artifacts, note
-from islandgp.tracking.store import ARM, LOCK, POINTS, SENT, Store, points, run_key
+from islandgp.tracking.store import ARM, LOCK, SENT, Store, points, run_key
 from islandgp.viewer.page_file import write_page
-
-if TYPE_CHECKING:
-    from mlflow.entities import Metric
 
 MARKER_METRIC: Final = "fitness_max"  # a metric that every generation has
 
@@ -95,7 +92,18 @@ class RunUploader:
         if run is not None and (run.info.status, run.data.tags.get(SENT)) == (status, done):
             self._run = str(run.info.run_id)
             return True
-        self._run = self._create() if run is None else str(run.info.run_id)
+        about = self.about
+        self._run = (
+            str(run.info.run_id)
+            if run
+            else self.store.create(
+                run_key(about),
+                about.title,
+                command=about.command,
+                started=about.started,
+                tags=about.tags,
+            )
+        )
         self._next = self.store.last_step(self._run, MARKER_METRIC) + 1
         if not self._next:  # else parameters and configuration were sent before the first point
             self.store.log_parameters(self._run, flat(self.folder.configuration()))
@@ -112,12 +120,20 @@ class RunUploader:
         return False
 
     def _send(self, status: Status, done: str) -> None:
-        completed = self.folder.completed_generations()
-        while self._next < completed:
-            batch, end = self._batch(self._next, completed)
+        completed, first = self.folder.completed_generations(), self._next
+        pairs = zip(self.folder.records(first), self.folder.costs(first), strict=False)
+        constraints = recorded_constraints(self.folder.configuration())
+        for record, cost in islice(pairs, completed - first):
+            values = metric_values(generation_values(record, cost, constraints))
+            batch = points(values, cost["at"], self._next)
             self.store.client.log_batch(self._run, metrics=batch)
-            self._next = end
+            self._next += 1
             self._progress()
+        if self._next < completed:
+            raise TrackingError(
+                f"Expected {completed} generations in {self.folder.path}, found {self._next}; the"
+                " run's records are damaged."
+            )
         if status is not Status.RUNNING:
             self._end(status)
             self.store.client.set_tag(self._run, SENT, done)
@@ -125,34 +141,6 @@ class RunUploader:
     def _progress(self) -> None:
         self.has_sent = True
         self._alive()
-
-    def _create(self) -> str:
-        about = self.about
-        return self.store.create(
-            run_key(about),
-            about.title,
-            command=about.command,
-            started=about.started,
-            tags=about.tags,
-        )
-
-    def _batch(self, first: int, end: int) -> tuple[list[Metric], int]:
-        """The points of one call from generation `first` on, and the generation after them."""
-        batch: list[Metric] = []
-        pairs = zip(self.folder.records(first), self.folder.costs(first), strict=False)
-        step, constraints = first, recorded_constraints(self.folder.configuration())
-        for record, cost in islice(pairs, end - first):
-            values = metric_values(generation_values(record, cost, constraints))
-            if len(batch) + len(values) > POINTS:
-                break
-            batch += points(values, cost["at"], step)
-            step += 1
-        if step == first:
-            raise TrackingError(
-                f"Expected {end} generations in {self.folder.path}, found {first}; the run's"
-                " records are damaged."
-            )
-        return batch, step
 
     def _end(self, status: Status) -> None:
         has_page = self._has_own_page
@@ -170,7 +158,8 @@ class RunUploader:
         if status is Status.FINISHED and self.folder.finished():
             figures = metric_values(run_values(self.folder.summary()))
             numbers = {f"run/{name}": value for name, value in figures.items()}
-            self.store.log_metrics(self._run, points(numbers, end_time, self._next - 1))
+            batch = points(numbers, end_time, self._next - 1)
+            self.store.client.log_batch(self._run, metrics=batch)
 
     def _end_time(self) -> int:
         """Time of the last recorded generation, ms since 1970."""
@@ -196,31 +185,26 @@ def parent_run(folder: Path, store: Store) -> str | None:
     if file is None or folder.name not in {job.folder for job in file.jobs}:
         return None
     with FileLock(sweep.path / LOCK):
-        run = store.find(file.id)
-        if run is None:
-            return _create(sweep, file, store)
-        if run.info.status != Status.RUNNING and sweep.at_work():
-            store.client.update_run(run.info.run_id, status=Status.RUNNING)
-        return str(run.info.run_id)
+        run, status, _ = _parent(sweep, file, store)
+        if status != Status.RUNNING and sweep.at_work():
+            store.client.update_run(run, status=Status.RUNNING)
+        return run
 
 
-def send_sweep(sweep: SweepFolder, store: Store, status: Status) -> str | None:
-    """Sends the sweep's summary; returns the parent's id.
+def send_sweep(sweep: SweepFolder, store: Store, status: Status) -> None:
+    """Sends the sweep's summary, if it has changed.
 
     All jobs must have been sent before. Errors of MLflow propagate.
     """
     file = sweep.read()
     if file is None:
-        return None
+        return
     summaries = arms(sweep, file)
     done = f"{status} {_digest(summaries)}"
     with FileLock(sweep.path / LOCK):
-        found = store.find(file.id)
-        run = _create(sweep, file, store) if found is None else str(found.info.run_id)
-        tags = {} if found is None else found.data.tags
-        is_sent = found is not None and (found.info.status, tags.get(SENT)) == (status, done)
-        if status is Status.RUNNING or is_sent:
-            return run
+        run, before, sent = _parent(sweep, file, store)
+        if status is Status.RUNNING or (before, sent) == (status, done):
+            return
         client = store.client
         client.set_terminated(run, status, _end_time(sweep, file))
         client.set_tag(run, "mlflow.note.content", sweep_note(sweep, file, summaries, status))
@@ -230,17 +214,20 @@ def send_sweep(sweep: SweepFolder, store: Store, status: Status) -> str | None:
             about = sweep.run(job).about()
             child = None if about is None else store.find(run_key(about))
             if child is not None:
-                client.set_tag(child.info.run_id, "mlflow.parentRunId", run)
-                for name, value in {ARM: file.arm(job), **file.tags(job)}.items():
+                tags = {ARM: file.arm(job), **file.tags(job), "mlflow.parentRunId": run}
+                for name, value in tags.items():
                     client.set_tag(child.info.run_id, name, value)
         client.set_tag(run, SENT, done)
-        return run
 
 
-def _create(sweep: SweepFolder, file: SweepFile, store: Store) -> str:
+def _parent(sweep: SweepFolder, file: SweepFile, store: Store) -> tuple[str, str, str | None]:
+    """Id, status and tag SENT of a sweep's MLflow run, created if it is missing."""
+    if found := store.find(file.id):
+        return str(found.info.run_id), found.info.status, found.data.tags.get(SENT)
     name, command = sweep.path.name, file.commands[-1]
     tags = {"kind": "sweep", "sweep": name, "mlflow.note.content": f"`{command}`"}
-    return store.create(file.id, f"sweep {name}", command=command, started=file.started, tags=tags)
+    run = store.create(file.id, f"sweep {name}", command=command, started=file.started, tags=tags)
+    return run, Status.RUNNING, None
 
 
 def _digest(arms: list[ArmSummary]) -> str:

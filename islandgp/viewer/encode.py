@@ -77,15 +77,8 @@ def path(xs: Sequence[float], ys: Sequence[float]) -> list[int]:
             x, y = xs[tick] - at_x, ys[tick] - at_y
             to_x, to_y = (round(xs[tick]) - at_x) / past, (round(ys[tick]) - at_y) / past
             if low_x <= to_x <= high_x and low_y <= to_y <= high_y:
-                # Comparisons are faster than calls of `min` and `max`.
-                if (slope := (x - 1) / past) > low_x:
-                    low_x = slope
-                if (slope := (x + 1) / past) < high_x:
-                    high_x = slope
-                if (slope := (y - 1) / past) > low_y:
-                    low_y = slope
-                if (slope := (y + 1) / past) < high_y:
-                    high_y = slope
+                low_x, high_x = max(low_x, (x - 1) / past), min(high_x, (x + 1) / past)
+                low_y, high_y = max(low_y, (y - 1) / past), min(high_y, (y + 1) / past)
                 continue
         if (end := tick - 1) > start:
             x, y = round(xs[end]), round(ys[end])

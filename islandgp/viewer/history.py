@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from array import array
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
+from itertools import pairwise
+from statistics import fmean
 from typing import Any, Final
 
 from islandgp.domain import RewardTable
@@ -17,8 +19,19 @@ POINTS: Final = 300  # most points of a curve in a picture
 TIERS: Final = 8  # most curves of tiers; the best tiers have one
 
 
-def _floats() -> array[float]:
-    return array("d")
+def _last(values: Sequence[float]) -> float:
+    return values[-1]
+
+
+CURVES: Final[Mapping[str, Callable[[Sequence[float]], float]]] = {
+    "episodes": _last,  # since the start
+    "fitness_max": max,  # points
+    "best_of_stage": _last,  # highest fitness so far in the stage, points
+    "fitness_mean": fmean,  # points
+    "coverage": _last,  # of the archive; 0 without one
+    "qd_score": _last,
+}
+"""The curves besides those of tiers, and the value of a thinned one for some generations."""
 
 
 @dataclass(slots=True)
@@ -26,13 +39,9 @@ class RunCurves:
     """Curves over generations, and the best individual of the last stage so far."""
 
     generations: int = 0
-    individuals: int = 0  # of the last generation
-    episodes: array[float] = field(default_factory=_floats)  # since the start
-    fitness_max: array[float] = field(default_factory=_floats)  # points
-    top: array[float] = field(default_factory=_floats)  # highest so far in the stage, points
-    fitness_mean: array[float] = field(default_factory=_floats)  # points
-    coverage: array[float] = field(default_factory=_floats)  # of the archive; 0 without one
-    qd_score: array[float] = field(default_factory=_floats)
+    values: dict[str, array[float]] = field(
+        default_factory=lambda: {name: array("d") for name in CURVES}
+    )
     tiers: dict[str, array[float]] = field(default_factory=dict)  # share of individuals, best first
     stages: list[tuple[int, int]] = field(default_factory=list)  # first generation, and stage
     fittest: Mapping[str, Any] | None = None  # record of the best individual of the last stage
@@ -47,39 +56,45 @@ class RunCurves:
         """Curves of a run, without any generation yet. Raises RunError."""
         return cls(constraints=recorded_constraints(folder.configuration()))
 
+    @property
+    def episodes(self) -> int:
+        """Episodes so far."""
+        return round(self.values["episodes"][-1]) if self.generations else 0
+
     def add(self, record: Mapping[str, Any], cost: Mapping[str, Any]) -> None:
         """Add a generation."""
-        snapshot, everyone = record["snapshot"], record["individuals"]
+        snapshot, everyone, archive = record["snapshot"], record["individuals"], record["archive"]
         if not self.stages or self.stages[-1][1] != snapshot["stage"]:
             self.stages.append((self.generations, snapshot["stage"]))
             self.fittest = None
         best = max(everyone, key=self._merit)
         if self.fittest is None or self._merit(best) > self._merit(self.fittest):
             self.fittest = best
-        archive = record["archive"]
-        before = self.episodes[-1] if self.episodes else 0.0
-        self.episodes.append(before + cost["episodes"])
-        self.fitness_max.append(best["fitness"])
-        self.top.append(self.fittest["fitness"])
-        self.fitness_mean.append(snapshot["fitness_mean"])
+        figures = {
+            "episodes": self.episodes + cost["episodes"],
+            "fitness_max": best["fitness"],
+            "best_of_stage": self.fittest["fitness"],
+            "fitness_mean": snapshot["fitness_mean"],
+            "coverage": archive["coverage"],
+            "qd_score": archive["qd_score"],
+        }
+        for name, value in figures.items():
+            self.values[name].append(value)
         self.reached.update(name for name, n in snapshot["tiers"].items() if n)
         for i in everyone:
             self.earned.update(name for name, points in i["components"].items() if points > 0)
             self.counted.update(name for name, value in i["counters"].items() if value > 0)
-        self.coverage.append(archive["coverage"])
-        self.qd_score.append(archive["qd_score"])
         for name in [*snapshot["tiers"]][:TIERS]:
             if len(self.tiers) < TIERS:
                 self.tiers.setdefault(name, array("d", bytes(8 * self.generations)))
         for name, shares in self.tiers.items():
             shares.append(snapshot["tiers"].get(name, 0) / max(1, len(everyone)))
         self.generations += 1
-        self.individuals = len(everyone)
-        self.seconds += sum(cost[key] for key in ("evaluation", "supervision", "operators"))
+        self.seconds += cost["evaluation"] + cost["supervision"] + cost["operators"]
 
-    def _merit(self, i: Mapping[str, Any]) -> Merit:
-        excess = violation(i["counters"], self.constraints) if self.constraints else 0.0
-        return merit(i["fitness"], excess)
+    def _merit(self, individual: Mapping[str, Any]) -> Merit:
+        v = violation(individual["counters"], self.constraints) if self.constraints else 0.0
+        return merit(individual["fitness"], v)
 
 
 MAX_NAMES: Final = 6  # most names in a sentence
@@ -111,7 +126,7 @@ def nothing_works(curves: RunCurves, classes: Classes, rewards: object) -> str:
     if unpaid:
         failures.append(f"earned points for {_listed(unpaid)}")
     return (
-        f"No individual has ever {' or '.join(failures)} in {curves.episodes[-1]:,.0f} episodes:"
+        f"No individual has ever {' or '.join(failures)} in {curves.episodes:,} episodes:"
         " start from a tree (`start=`), add a library, reward a step before it, or raise"
         " `gp.episodes`."
     )
@@ -132,33 +147,17 @@ def read_history(folder: RunFolder) -> RunCurves:
 
 
 def thinned(history: RunCurves, points: int = POINTS) -> dict[str, Any]:
-    """The curves with at most `points` points; `fitness_max` keeps the maximum of neighbours."""
-    places = list(_parts(history.generations, points))
+    """The curves with at most `points` points, each of about as many generations."""
+    n, k = history.generations, min(history.generations, points)
+    places = [*pairwise(i * n // k for i in range(k + 1))] if k else []
 
-    def last(values: Sequence[float]) -> list[float]:
-        return [values[end - 1] for _, end in places]
-
-    def over(values: Sequence[float], join: Callable[[Sequence[float]], float]) -> list[float]:
+    def joined(values: Sequence[float], join: Callable[[Sequence[float]], float]) -> list[float]:
         return [join(values[first:end]) for first, end in places]
 
-    def average(values: Sequence[float]) -> float:
-        return sum(values) / len(values)
-
+    begins = [[history.values["episodes"][first], stage + 1] for first, stage in history.stages]
     return {
         "generation": [end - 1 for _, end in places],
-        "episodes": last(history.episodes),
-        "fitness_max": over(history.fitness_max, max),
-        "top": last(history.top),
-        "fitness_mean": over(history.fitness_mean, average),
-        "coverage": last(history.coverage),
-        "qd_score": last(history.qd_score),
-        "tiers": {name: over(shares, average) for name, shares in history.tiers.items()},
-        "stages": [[history.episodes[first], stage + 1] for first, stage in history.stages],
+        **{name: joined(history.values[name], join) for name, join in CURVES.items()},
+        "tiers": {name: joined(shares, fmean) for name, shares in history.tiers.items()},
+        "stages": begins,
     }
-
-
-def _parts(n: int, most: int) -> Iterator[tuple[int, int]]:
-    """The range of n divided into at most `most` parts of about equal size."""
-    k = min(n, most)
-    for i in range(k):
-        yield i * n // k, (i + 1) * n // k

@@ -7,7 +7,6 @@ without parents. Consecutive individuals with the same tree are one step.
 from __future__ import annotations
 
 from array import array
-from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import lru_cache
@@ -25,8 +24,6 @@ from islandgp.records.folder import RunFolder
 MAX_INDIVIDUALS: Final = 5_000  # most individuals of a chain that are read
 MAX_NODES: Final = 300  # most nodes of trees that are compared
 MAX_CHANGES: Final = 40  # most changed nodes of a step that are listed
-STEPS: Final = (6, 34)  # numbers of the first and last steps shown of a long lineage
-NOTE: Final = 300  # most characters of a supervisor's reason
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,25 +40,6 @@ class LineageStep:
     left_out: int  # number of changes that are not listed
     guidance: Mapping[str, Any] | None  # with the tree, if a supervisor injected or edited it
 
-    @property
-    def origin(self) -> str:
-        """The origin of the tree, in words."""
-        return _origin(self)
-
-    @property
-    def reason(self) -> str:
-        """The supervisor's reason for the tree, if any."""
-        guidance = self.guidance or {}
-        reason = str(guidance.get("rationale") or guidance.get("reasoning") or "")
-        return reason if len(reason) <= NOTE else f"{reason[:NOTE]} ..."
-
-    @property
-    def summary(self) -> str:
-        """The numbers of changed nodes, in words."""
-        marks = Counter(line[0] for line in self.changes or ())
-        words = {"-": "deleted", "+": "inserted", "~": "changed"}
-        return ", ".join(f"{marks[mark]} {word}" for mark, word in words.items() if marks[mark])
-
 
 @dataclass(frozen=True, slots=True)
 class Lineage:
@@ -69,26 +47,6 @@ class Lineage:
 
     steps: tuple[LineageStep, ...]
     is_complete: bool  # True: it begins with an individual without parents
-
-    @property
-    def hidden(self) -> int:
-        """Number of steps in the middle of a long lineage, which are not shown."""
-        return max(0, len(self.steps) - sum(STEPS))
-
-    @property
-    def oldest(self) -> tuple[LineageStep, ...]:
-        """The steps that are shown before the hidden ones."""
-        return self.steps[: STEPS[0]] if self.hidden else self.steps
-
-    @property
-    def newest(self) -> tuple[LineageStep, ...]:
-        """The steps that are shown after the hidden ones."""
-        return self.steps[-STEPS[1] :] if self.hidden else ()
-
-    @property
-    def summary(self) -> str:
-        """A paragraph on the lineage as a whole."""
-        return _summary(self)
 
 
 def lineage(folder: RunFolder, name: str) -> Lineage:
@@ -189,47 +147,3 @@ class _Reader:
 
 def _generation(name: str) -> int:
     return int(name.partition(".")[0])
-
-
-def _summary(lineage: Lineage) -> str:
-    """A paragraph on the lineage as a whole."""
-    steps = lineage.steps
-    if not steps:
-        return "The records of its generation are missing."
-    if len(steps) == 1:
-        text = f"It was created in one step: {_origin(steps[0])}."
-    else:
-        text = (
-            f"{len(steps):,} trees in {_generation(steps[-1].first['id']) + 1:,} generations, each"
-            " derived from the one before. Points of two of them are from different worlds, unless"
-            " they are of one generation, so their difference is partly luck."
-        )
-    if not lineage.is_complete:
-        text += " The ancestors of the first one are not in the records."
-    return text
-
-
-def _origin(step: LineageStep) -> str:
-    """The origin of a tree, in words."""
-    origin, names, mutation = (step.first[key] for key in ("origin", "parents", "mutation"))
-    first = names[0] if names else "a tree that is not in the records"
-    origins = {
-        "random": "drawn at random",
-        "crossover": f"a child of {' and '.join(dict.fromkeys(names))}",
-        "copy": f"a child of {first}",
-        "elite": f"the elite {first}",
-        "behavioural_elite": f"the elite {first} of its behaviour",
-        "resurrected": f"{first}, brought back",
-        "injected": "given at the start",
-        "sampled": "a sample of the search's distribution",
-    }
-    text = origins.get(origin, origin)
-    if origin == "injected" and _generation(step.first["id"]):
-        text = "injected by the supervisor"
-        if step.guidance is not None:
-            target = step.guidance.get("target")
-            text = f"injected by {step.guidance['source']}" + (f" for {target}" if target else "")
-    if origin == "edited":
-        kind, _, mutation = mutation.removeprefix("edit:").partition("+")
-        text = f"{first}, edited by the supervisor ({kind})"
-    return f"{text}, then mutation {mutation}" if mutation else text

@@ -44,7 +44,7 @@ def _loss(loss: Mapping[str, Any]) -> str:
 
 def script_data(value: Any) -> str:
     """A value as JSON, escaped for a script element."""
-    data = json.dumps(value, separators=(",", ":"), allow_nan=False)
+    data = json.dumps(value, separators=(",", ":"), allow_nan=False, default=float)  # of NumPy
     # Only these could end a script element or begin a comment in it.
     return data.replace("</", "<\\/").replace("<!--", "<\\u0021--")
 

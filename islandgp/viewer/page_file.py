@@ -8,15 +8,17 @@ from pathlib import Path
 from time import time
 
 from islandgp.atomic_files import reading, remove_leftovers, usable, write_atomic
+from islandgp.bt.core.language import parse
 from islandgp.errors import brief
 from islandgp.evaluation.base import Problem
 from islandgp.records.files import PAGE
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import NAME as MANIFEST
 from islandgp.records.manifest import add_to_manifest
-from islandgp.viewer.champion import champion_replay
 from islandgp.viewer.history import RunCurves
-from islandgp.viewer.run_page import run_page
+from islandgp.viewer.page import page
+from islandgp.viewer.recording import record
+from islandgp.viewer.run_page import first_episode, run_page
 
 
 def write_page(
@@ -26,6 +28,8 @@ def write_page(
     problem: Callable[[], Problem] | None = None,
 ) -> None:
     """Writes the page of a run; that of a finished run has the replay of its best robot.
+
+    Whatever is in its place is replaced.
 
     Args:
         folder: of the run.
@@ -42,6 +46,8 @@ def write_page(
         before, now = _content(summary), time()
         replay = ""
         if status is Status.FINISHED:
+            for name in (MANIFEST, PAGE):  # of a process that was killed here
+                remove_leftovers(folder.path, f"{name}.*")
             replay, now = _replay(folder, problem), summary.stat().st_mtime
         text = run_page(folder, status, curves, replay=replay, now=int(1000 * now))
         if _content(summary) == before:  # else the run has ended, or another one has begun
@@ -52,18 +58,6 @@ def write_page(
 
 def _content(file: Path) -> bytes:
     return file.read_bytes() if file.exists() else b""
-
-
-def complete_page(
-    folder: RunFolder,
-    curves: RunCurves | None = None,
-    problem: Callable[[], Problem] | None = None,
-) -> None:
-    """Writes the page of a finished run, whatever is in its place. Arguments as `write_page`."""
-    with usable(folder.path):
-        remove_leftovers(folder.path, f"{MANIFEST}.*")  # of a process that was killed here
-        remove_leftovers(folder.path, f"{PAGE}.*")
-    write_page(folder, Status.FINISHED, curves, problem)
 
 
 def _replay(folder: RunFolder, problem: Callable[[], Problem] | None) -> str:
@@ -77,3 +71,12 @@ def _replay(folder: RunFolder, problem: Callable[[], Problem] | None) -> str:
     except Exception as error:
         print(f"islandgp: no replay of the best robot: {brief(error)}", file=sys.stderr)
         return ""
+
+
+def champion_replay(folder: RunFolder, problem: Problem) -> str:
+    """The replay page of a finished run's best robot: its first episode, in the run's problem."""
+    champion = folder.summary()["champion"]
+    seed, stage = first_episode(folder, champion["record"]["id"])
+    tree = parse(champion["tree"], problem.domain.schema.vocabulary)
+    title = f"{folder.path.name}: the best robot, of generation {champion['generation']}"
+    return page(record(tree, problem, seed=seed, stage=stage), title=title)

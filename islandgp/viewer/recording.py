@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import chain
 from math import floor, log10
 from typing import Final, NamedTuple
@@ -249,7 +249,7 @@ class SceneRecorder:
                 f"Expected shapes of the schema's styles ({styles}), found {min(unknown)!r} in a"
                 " scene; declare it among the styles."
             )
-        return _in_floats(track)
+        return track
 
     def _columns(self, ticks: int) -> tuple[tuple[Shape, ...], ...]:
         """Each mover at each tick. Raises DomainError if their number changes."""
@@ -261,24 +261,6 @@ class SceneRecorder:
                 " goes belongs to the items of a scene."
             )
         return tuple(zip(*movers, strict=True))
-
-
-def _in_floats(track: SceneTrack) -> SceneTrack:
-    """The track with Python's floats, as a page cannot hold NumPy's numbers."""
-    least_x, least_y, greatest_x, greatest_y = map(float, track.bounds)
-    return replace(
-        track,
-        bounds=(least_x, least_y, greatest_x, greatest_y),
-        fixed=tuple(map(_placed, track.fixed)),
-        items=tuple(item._replace(shape=_placed(item.shape)) for item in track.items),
-        movers=tuple(tuple(map(_placed, mover)) for mover in track.movers),
-    )
-
-
-def _placed(shape: Shape) -> Shape:
-    if type(shape.x) is type(shape.y) is type(shape.size) is float:  # as nearly all are
-        return shape
-    return shape._replace(x=float(shape.x), y=float(shape.y), size=float(shape.size))
 
 
 def _must_be_numbers(subject: str, values: Iterable[float]) -> None:

@@ -11,6 +11,7 @@ import re
 import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
+from itertools import islice
 from pathlib import Path
 from typing import Any, Final
 
@@ -23,6 +24,7 @@ from islandgp.errors import RunError
 from islandgp.gp.archive import ArchiveSettings, Elite
 from islandgp.records.archive_file import NAME, read_archive
 from islandgp.records.checkpoint import read_checkpoint
+from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.sentences import best_robot_in_a_sentence, constrained, reached
 from islandgp.redaction import HIDDEN
@@ -30,12 +32,10 @@ from islandgp.resources import program
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import in_words
 from islandgp.text import in_points
-from islandgp.viewer.champion import first_episode
 from islandgp.viewer.history import RunCurves, nothing_works, read_history, thinned
 from islandgp.viewer.lineage import lineage
 from islandgp.viewer.page import filled, script_data
 
-NAME_OF_PAGE: Final = "run.html"
 RELOAD: Final = 5  # s between two reloads of an active run's page
 REPLAY_BYTES: Final = 700_000  # largest replay that is embedded in the page
 
@@ -51,6 +51,7 @@ class RunView:
     """A run as read from its folder, for all parts of its page."""
 
     folder: RunFolder
+    about: RunMetadata
     status: Status
     config: Mapping[str, Any]
     history: RunCurves
@@ -83,10 +84,8 @@ def run_page(
     if status is Status.FINISHED:
         summary = folder.summary()
         champion = {**summary["champion"]["record"], "tree": summary["champion"]["tree"]}
-    view = RunView(folder, status, folder.configuration(), history, champion, summary)
-    about = folder.about()
-    name = folder.path.name if about is None else about.title
-    replay = replay if len(replay.encode()) <= REPLAY_BYTES else ""
+    about = folder.about() or RunMetadata("", folder.path.name, "/", "", 0, "", {})
+    view = RunView(folder, about, status, folder.configuration(), history, champion, summary)
     data = {
         "status": status.value,
         "updated": now,
@@ -95,52 +94,31 @@ def run_page(
         "archive": archive_map(view),
         "front": [] if summary is None else summary["champion"]["front"],
     }
+    sentences = (
+        []
+        if summary is None
+        else [
+            best_robot_in_a_sentence(summary["champion"]),
+            *reached(summary["champion"]),
+            *constrained(summary),
+        ]
+    )
     return filled(
         "run.html",
-        title=name,
-        reload=RELOAD,
-        status=status.value,
-        result=_result(view),
-        warning=_nothing_works(view) if history.generations else "",
-        notes=_notes(view),
+        about=about,
         best=champion,
-        facts=_facts(view),
+        config=view.config,
+        constraints=in_words(history.constraints),
         data=script_data(data),
-        replay=script_data(replay),
+        history=history,
+        reason=folder.reason(),
+        reload=RELOAD,
+        replay=script_data(replay if len(replay.encode()) <= REPLAY_BYTES else ""),
+        sentences=sentences,
+        status=status.value,
+        warning=_nothing_works(view) if history.generations else "",
         **(_best(view, champion) if champion else {}),
     )
-
-
-def _result(view: RunView) -> str:
-    """The result of the run in one sentence."""
-    history = view.history
-    if view.champion is None:
-        return "The run has begun; its first generation is not evaluated yet."
-    if view.summary is not None:
-        return best_robot_in_a_sentence(view.summary["champion"])
-    spent, points = _spent(view), in_points(view.champion["fitness"])
-    best = f"the fittest individual of this stage, {view.champion['id']}, has {points} points"
-    total = int(view.config["gp"]["generations"])
-    if view.status is Status.RUNNING:
-        of = f"{history.generations:,} of {total:,} generations"
-        return f"After {of}, {history.episodes[-1]:,.0f} episodes, {best}."
-    if view.status is Status.FAILED:
-        return f"The run failed after {spent}: {view.folder.reason()} Until then {best}."
-    return f"The run was stopped after {spent}; the same command continues it. Until then {best}."
-
-
-def _spent(view: RunView) -> str:
-    done = view.history.generations
-    plural = "s" * (done != 1)
-    return f"{done:,} generation{plural} and {view.history.episodes[-1]:,.0f} episodes"
-
-
-def _notes(view: RunView) -> str:
-    """More sentences on the result, as on the terminal."""
-    if view.summary is None:
-        return ""
-    notes = (*reached(view.summary["champion"]), *constrained(view.summary))
-    return ". ".join((*notes, f"The run had {_spent(view)}."))
 
 
 def _nothing_works(view: RunView) -> str:
@@ -153,27 +131,6 @@ def _nothing_works(view: RunView) -> str:
         rewards = None
     classes = Classes.model_validate(view.config["classes"])
     return nothing_works(view.history, classes, rewards)
-
-
-def _facts(view: RunView) -> dict[str, str]:
-    about, config = view.folder.about(), view.config
-    return {
-        "domain": "" if about is None else about.tags.get("domain", ""),
-        "search": str(config.get("search", {}).get("name", "paper")),
-        "supervisor": str(config["supervisor"]["name"]),
-        "constraints": in_words(view.history.constraints),
-        "seed": str(config["seed"]),
-        "version": "" if about is None else about.tags.get("code", ""),
-        "in generations": _duration(view.history.seconds),
-        "command": "" if about is None else about.command,
-    }
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 60:
-        return f"{seconds:.1f} s"
-    minutes, rest = divmod(round(seconds), 60)
-    return f"{minutes // 60} h {minutes % 60} min" if minutes >= 60 else f"{minutes} min {rest} s"
 
 
 TREE_BYTES: Final = 500_000  # most bytes of embedded trees of the archive, the best first
@@ -191,11 +148,10 @@ def archive_map(view: RunView) -> dict[str, Any] | None:
     for e in elites:
         room -= len(e.tree.encode())
         entries.append({**asdict(e), "stage": e.stage + 1, "tree": e.tree if room >= 0 else None})
-    about = view.folder.about()
     return {
         "axes": [{"name": name, "edges": edges} for name, edges in axes.items()],
         "floor": settings.floor,
-        "domain": "" if about is None else about.tags.get("domain", ""),
+        "domain": view.about.tags.get("domain", ""),
         "command": " ".join([shlex.quote(program()), "replay", "-"]),
         "flags": _world_flags(view),
         "file": NAME,
@@ -206,9 +162,8 @@ def archive_map(view: RunView) -> dict[str, Any] | None:
 
 def _world_flags(view: RunView) -> str:
     """The command-line options for this run's world."""
-    about = view.folder.about()
     try:
-        arguments = [] if about is None else shlex.split(about.command)
+        arguments = shlex.split(view.about.command)
     except ValueError:  # the quotes of a damaged file
         arguments = []
     flags: list[str] = []
@@ -229,9 +184,8 @@ def _elites(view: RunView) -> tuple[Elite, ...] | None:
     try:
         if view.status is Status.FINISHED:
             return read_archive(path)[0].elites
-        for name in ("checkpoint.json", "checkpoint.previous.json"):
-            if (path / name).exists():
-                return read_checkpoint(path / name)[0].archive
+        if (path / "checkpoint.json").exists():
+            return read_checkpoint(path / "checkpoint.json")[0].archive
     except RunError:  # the file is missing, damaged, or being written
         return None
     return ()
@@ -247,8 +201,7 @@ def _best(view: RunView, best: Mapping[str, Any]) -> dict[str, Any]:
     """The values of the template on the best robot, with its tree and lineage."""
     champion = {} if view.summary is None else view.summary["champion"]
     tree, usage = parse(best["tree"]), champion.get("usage", ())
-    about, path = view.folder.about(), view.folder.path / "best.bt"
-    home = Path("/" if about is None else about.home)
+    path, home = view.folder.path / "best.bt", Path(view.about.home)
     file = shlex.quote(str(path.relative_to(home) if path.is_relative_to(home) else path))
     flags = f" {flags}" if (flags := _world_flags(view)) else ""
     seed, stage = first_episode(view.folder, best["id"])
@@ -262,7 +215,6 @@ def _best(view: RunView, best: Mapping[str, Any]) -> dict[str, Any]:
         "text": champion.get("text", best["tree"]),
         "command": f"{program()} replay {file} --seed {seed} --stage {stage + 1}{flags}",
         "points": [*points, ("fitness", in_points(best["fitness"]))],
-        "counters": [(name, f"{value:,.4g}") for name, value in best["counters"].items()],
         "lineage": lineage(view.folder, best["id"]),
     }
 
@@ -272,3 +224,16 @@ def _branch(node: Node, usages: Iterator[Mapping[str, Any]]) -> dict[str, Any]:
     usage = next(usages, None)
     children = [_branch(child, usages) for child in node.children]
     return {"node": node, "usage": usage, "children": children}
+
+
+def first_episode(folder: RunFolder, name: str) -> tuple[int, int]:
+    """World seed and stage index of the first episode of the individual with this id.
+
+    Raises RunError without a record.
+    """
+    config = folder.configuration()
+    generation, slot = (int(part) for part in name.split("."))
+    for recorded in islice(folder.records(generation), 1):
+        place = 0 if config["gp"]["shared_seed"] else slot * config["gp"]["episodes"]
+        return recorded["worlds"][place], recorded["snapshot"]["stage"]
+    raise RunError(f"Expected generation {generation} in {folder.path}, found none.")

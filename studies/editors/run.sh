@@ -16,12 +16,11 @@ $RUN "$OTHERS" supervisor=expert library=combined
 $RUN "$OTHERS" supervisor=baseline gp.founders=true library=single
 $RUN "$OTHERS" supervisor=fixed
 $RUN "$OTHERS" supervisor=baseline search=compose library=single
-"$BIN/islandgp" compare $CONF --name study7 --primary first_descendant.complete --force -o studies/editors/results \
+"$BIN/islandgp" compare $CONF runs/study7 --primary first_descendant.complete --force -o studies/editors/results \
   --arm editor="supervisor=editor" --arm random_branch="supervisor=editor_random_branch" \
   --arm random_tree="supervisor=editor_random_tree" --arm constant="supervisor=editor_constant" \
   --arm yoked="supervisor=editor_yoked" --arm expert="supervisor=expert library.trees.pickup=[single_pickup]" \
   --arm combined="supervisor=expert library.trees.pickup=[pickup_specialist]" \
   --arm founders="supervisor=baseline gp.founders=true" --arm fixed="supervisor=fixed" \
-  --arm baseline="supervisor=baseline gp.founders=false search=paper" --arm compose="search=compose" \
-  --family judgement=editor,random_branch,random_tree,constant,yoked --family knowledge=expert,combined,founders,baseline
+  --arm baseline="supervisor=baseline gp.founders=false search=paper" --arm compose="search=compose"
 (cd runs/study7 && sha256sum */lineage.csv */best.bt) > studies/editors/results/digests.txt

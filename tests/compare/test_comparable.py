@@ -204,7 +204,7 @@ def test_one_arm_or_one_name_twice_is_no_comparison() -> None:
     arm = _arm("expert", range(2))
     with pytest.raises(StudyError, match="two or more arms, found 1"):
         compare_arms([arm])
-    with pytest.raises(StudyError, match="expert 2 times"):
+    with pytest.raises(StudyError, match="found expert twice"):
         compare_arms([arm, arm])
     with pytest.raises(StudyError, match="each run in one arm"):
         compare_arms([arm, fake_arm("other", arm.runs)])
@@ -213,7 +213,7 @@ def test_one_arm_or_one_name_twice_is_no_comparison() -> None:
 def test_runs_need_a_generation_in_each_stage() -> None:
     """Three generations have no mid-training: the runs are refused with the reason."""
     arms = [fake_arm(name, [fake_run(name, 0, generations=3)]) for name in ("expert", "baseline")]
-    with pytest.raises(StudyError, match="at least 4 generations, found 3 in expert"):
+    with pytest.raises(StudyError, match="at least 4 generations, found 3;"):
         compare_arms(arms)
 
 
@@ -282,7 +282,7 @@ def test_searches_with_other_curricula_need_a_remedy() -> None:
     ]
     with pytest.raises(StudyError) as raised:
         compare_arms(arms)
-    assert "for example curriculum.last_only=true; select other runs" in str(raised.value)
+    assert "for example curriculum.last_only=true, or use --force" in str(raised.value)
     assert max(map(len, str(raised.value).splitlines())) <= 402
 
 
@@ -310,10 +310,3 @@ def test_arms_with_the_same_populations_are_noted() -> None:
     )
     different = compare_arms([_arm("expert", range(3)), other])
     assert not any("same individuals" in note for note in different.notes)
-
-
-def test_a_value_of_many_arms_is_named_once() -> None:
-    """With many arms, the line names those with another value."""
-    others = [_arm(name, range(2)) for name in "abcd"]
-    study = compare_arms([*others, _arm("e", range(2), gp__generations=12)], force=True)
-    assert "gp.generations differs: 12 in e, 41 in the others" in study.comparability_warnings

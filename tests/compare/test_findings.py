@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import pytest
 
 from islandgp.compare.arms import Arm
@@ -16,7 +14,6 @@ from islandgp.compare.findings import (
     effects,
     examine_all,
     factors,
-    families,
     finding,
     parse_plan,
     verdict,
@@ -95,56 +92,30 @@ def test_equal_pairs_are_equal() -> None:
     assert verdict(row) == "equal in every pair"
 
 
-def test_families_are_by_question() -> None:
-    """The first pair is one; then those of the plan, whose pairs are not in earlier ones."""
+def test_the_first_pair_is_a_family() -> None:
+    """The other pairs are one; with margins, it has their measures alone."""
     study = _study(expert=(3.0, 1), baseline=(2.0, 1), editor=(1.0, 1))
-
-    def names(found: dict[str, Any]) -> dict[str, list[tuple[str, str]]]:
-        return {name: [(a.name, b.name) for a, b in pairs] for name, pairs in found.items()}
-
-    others = [("expert", "editor"), ("baseline", "editor")]
-    assert names(families(study, DEFAULT_PLAN)) == {FIRST: [("expert", "baseline")], REST: others}
-    plan = parse_plan(["judgement=expert,editor"], None, ["mean_fitness_max=2"])
-    assert names(families(study, plan)) == {
-        FIRST: [("expert", "baseline")],
-        "judgement": others[:1],
-        REST: others[1:],
-    }
-    rows = examine_all(study, plan, FITNESS)
-    sizes = dict(zip(rows["family"], rows["family_size"], strict=True))
-    assert sizes == {
-        FIRST: 7,
-        "judgement": 1,
-        "judgement, further": 6,
-        REST: 1,
-        f"{REST}, further": 6,
-    }
+    for margins, further in (([], 0), (["mean_fitness_max=2"], 12)):
+        rows = examine_all(study, parse_plan(None, margins), FITNESS)
+        sizes = dict(zip(rows["family"], rows["family_size"], strict=True))
+        expected = {FIRST: 7, REST: 14 - further, f"{REST}, further": further}
+        assert sizes == {name: size for name, size in expected.items() if size}
 
 
 @pytest.mark.parametrize(
-    ("families_", "primary", "margins", "message"),
+    ("primary", "margins", "message"),
     [
-        (["a"], None, [], "Expected --family NAME=ARM"),
-        (["a=expert"], None, [], "two arms or more"),
-        (["a=expert,baseline"], None, [], "none; the first pair of arms is a family by itself"),
-        (["a=expert,nobody"], None, [], "found 'nobody'; there are expert, baseline"),
-        (["a=x,y", "a=x,z"], None, [], "each family once"),
-        ([f"{FIRST}=x,y"], None, [], "other names for families"),
-        ([], "speed", [], "a measure in --primary, found 'speed'; there are fitness_max"),
-        ([], None, ["mean_fitness_max=0"], "a value above 0"),
-        ([], None, ["mean_fitness_max=nan"], "a value above 0"),
-        ([], None, ["mean_fitness_max=1", "mean_fitness_max=2"], "each margin once"),
-        ([], None, ["speed=1"], "a measure in --margin"),
+        ("speed", [], "a measure in --primary, found 'speed'; there are fitness_max"),
+        (None, ["mean_fitness_max=0"], "a value above 0"),
+        (None, ["mean_fitness_max=nan"], "a value above 0"),
+        (None, ["mean_fitness_max=1", "mean_fitness_max=2"], "once for a measure"),
+        (None, ["speed=1"], "a measure in --margin"),
     ],
 )
-def test_a_plan_that_cannot_be_meant(
-    families_: list[str], primary: str | None, margins: list[str], message: str
-) -> None:
+def test_a_plan_that_cannot_be_meant(primary: str | None, margins: list[str], message: str) -> None:
     """One message with what was expected and what was found."""
     with pytest.raises(StudyError, match=message):
-        check_plan(
-            parse_plan(families_, primary, margins), _study(**TWO), [m.key for m in MEASURES]
-        )
+        check_plan(parse_plan(primary, margins), [m.key for m in MEASURES])
 
 
 def _factorial(*cells: tuple[str, str, float], seeds: int = 3) -> Comparison:

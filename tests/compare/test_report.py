@@ -144,7 +144,7 @@ def test_files_of_the_report(tmp_path: Path) -> None:
 @pytest.mark.usefixtures("blank")
 def test_a_plan_is_reported_as_it_was_laid_down() -> None:
     """The primary endpoint is not adjusted and comes first; a margin decides what is alike."""
-    plan = parse_plan(["rest=baseline,editor"], "first.complete", ["mean_fitness_max=30000"])
+    plan = parse_plan("first.complete", ["mean_fitness_max=30000"])
     report = build(_study("expert", "baseline", "editor"), plan)
     assert report.results[0].startswith(f"expert minus baseline: {MINUS}")
     assert "p 0.0" in report.results[0]
@@ -160,7 +160,7 @@ def test_a_plan_is_reported_as_it_was_laid_down() -> None:
 @pytest.mark.usefixtures("blank")
 def test_a_measure_on_request() -> None:
     """First robots that are not advised trees are tested if the plan names them."""
-    plan = parse_plan([], "first_descendant.complete", [])
+    plan = parse_plan("first_descendant.complete", [])
     rows = build(_study("expert", "baseline"), plan).rows
     assert "first_descendant.complete" in {*rows["measure"]}
 

@@ -94,14 +94,17 @@ def test_an_empty_selection_lists_the_runs() -> None:
     assert "name=default supervisor=baseline: 1 runs, seeds 4" in str(error.value)
 
 
-def test_a_missing_sweep_is_reported_with_the_existing_ones(tmp_path: Path) -> None:
-    """So is a folder without any run."""
-    with pytest.raises(StudyError, match="there are no runs at all"):
-        find([tmp_path], "nope")
-    fake_run(folder=tmp_path / "a")
-    assert len(find([tmp_path, tmp_path / "a"], "default")) == 1
-    with pytest.raises(StudyError, match="a sweep named nope, found none; there are default"):
-        find([tmp_path], "nope")
+def test_runs_of_several_sweeps_are_listed(tmp_path: Path) -> None:
+    """A folder inside another one adds nothing."""
+    for name in ("one", "two"):
+        fake_run(folder=tmp_path / name, name=name)
+    runs = find([tmp_path, tmp_path / "one"])
+    assert len(runs) == 2
+    assert len(find([tmp_path], "one")) == 1
+    with pytest.raises(StudyError, match=r"sweep named no, found none\.\nThere are:\n  name=one"):
+        find([tmp_path], "no")
+    with pytest.raises(StudyError, match="those of 2; give --name SWEEP"):
+        arms_of_sweep(runs)
 
 
 def test_a_range_that_is_none() -> None:
@@ -163,7 +166,7 @@ def test_edited_records_are_refused(tmp_path: Path) -> None:
 
 def test_no_folder_of_runs(tmp_path: Path) -> None:
     """A missing folder is reported with the remedy."""
-    with pytest.raises(StudyError, match="--runs FOLDER"):
+    with pytest.raises(StudyError, match="give another folder"):
         find([tmp_path / "nothing"])
 
 

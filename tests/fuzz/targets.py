@@ -212,7 +212,7 @@ def runs() -> tuple[Path, Path]:
 
 FILES: Final = (
     "generations.jsonl", "summary.json", "about.json", "config.yaml", "costs.jsonl",
-    "checkpoint.json", "checkpoint.previous.json", "best.bt",
+    "checkpoint.json", "best.bt",
 )  # fmt: skip
 
 

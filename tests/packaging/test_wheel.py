@@ -141,7 +141,7 @@ def test_everything_on_a_domain_from_outside(python: Path, tmp_path: Path) -> No
     islandgp("export", tree, *options, "-o", "carry.xml")
     assert "MoveToPick" in (empty / "carry.xml").read_text(encoding="utf-8")
     arms = ("--arm", "expert=supervisor=expert", "--arm", "baseline=supervisor=baseline")
-    output = islandgp("compare", *options, *arms, "--name", "smoke", "--worlds", "2")
+    output = islandgp("compare", *options, *arms, "runs/smoke", "--worlds", "2")
     assert "study/expert-baseline/index.html" in output
     page = empty / "study" / "expert-baseline" / "index.html"
     assert "expert against baseline" in page.read_text(encoding="utf-8")

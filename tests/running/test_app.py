@@ -16,7 +16,7 @@ from hydra._internal.config_loader_impl import ConfigLoaderImpl
 
 from islandgp.config.naming import run_folder
 from islandgp.errors import ConfigError
-from islandgp.records.files import RunMetadata
+from islandgp.records.files import PAGE, RunMetadata
 from islandgp.records.folder import RunFolder
 from islandgp.records.lines import Lines
 from islandgp.records.manifest import add_to_manifest
@@ -24,7 +24,6 @@ from islandgp.records.parameters import identity_config
 from islandgp.resources import resource
 from islandgp.running.app import main
 from islandgp.running.resume import differences
-from islandgp.viewer.run_page import NAME_OF_PAGE
 from tests.composed import composed, named
 from tests.profiles import sweep
 from tests.running.commands import TINY, fake
@@ -73,7 +72,7 @@ def test_the_page_of_a_finished_run_holds_its_champions_episode(cwd: Path) -> No
     """The replay is the champion's: it opens with the run's folder and the generation."""
     assert main([*INSTANT, "gp.generations=2"]) == 0
     (name,) = leaf(cwd)
-    text = (cwd / "runs/default" / name / NAME_OF_PAGE).read_text(encoding="utf-8")
+    text = (cwd / "runs/default" / name / PAGE).read_text(encoding="utf-8")
     (replay,) = re.findall(r'<script[^>]* id="replay"[^>]*>(.*?)</script>', text, re.DOTALL)
     assert f"{name}: the best robot, of generation " in json.loads(replay)
 

@@ -35,7 +35,6 @@ TINY = [
     "gp.generations=3",
     "world.episode.length=20",
 ]
-CHECKS = ("checkpoint.previous.json",)
 MODULES = {"ray": "ray", "submitit": "submitit", "": "loky"}
 
 
@@ -157,7 +156,7 @@ def test_the_commands_of_launchers_run(kind: str, tmp_path: Path) -> None:
 
 def test_the_files_of_a_run_are_all_named() -> None:
     """The table of the folder names each file that a run leaves."""
-    for name in {*FILES, "config.yaml", "about.json", "checkpoint.json", *CHECKS}:
+    for name in {*FILES, "config.yaml", "about.json", "checkpoint.json"}:
         assert f"`{name}`" in TEXT, name
 
 

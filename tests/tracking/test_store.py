@@ -86,12 +86,12 @@ def test_artifacts_are_beside_the_store(store: Store, home: Path) -> None:
 def test_metrics_of_any_name_are_stored(store: Store) -> None:
     """Costs and sources of a user's supervisor may have names that MLflow rejects."""
     run = store.client.create_run(store.experiment).info.run_id
-    store.log_metrics(run, points({"cost/price (EUR)": 1.0, "decisions/a+b": 0.5}, 0, 3))
+    store.client.log_batch(run, points({"cost/price (EUR)": 1.0, "decisions/a+b": 0.5}, 0, 3))
     assert store.client.get_run(run).data.metrics == {"cost/price _EUR_": 1.0, "decisions/a_b": 0.5}
     assert store.last_step(run, "decisions/a_b") == 3
 
 
-@pytest.mark.parametrize("uri", ["mlruns", "file:///x", "sqlite:///", ""])
+@pytest.mark.parametrize("uri", ["mlruns", "file:///x", "sqlite:///", "", "http://me:word@host"])
 def test_a_uri_that_cannot_work_is_refused(uri: str) -> None:
     """File stores and nonsense are errors of the configuration, before anything starts."""
     with pytest.raises(ValidationError):

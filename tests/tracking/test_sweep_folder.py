@@ -48,9 +48,10 @@ def send(sweep: SweepFolder, store: Store) -> str:
     for entry in file_of(sweep).jobs:
         if sweep.run(entry).about() is not None:
             RunUploader(sweep.run(entry), store).send(sweep.run(entry).status())
-    parent = send_sweep(sweep, store, sweep.status(file_of(sweep)))
+    send_sweep(sweep, store, sweep.status(file_of(sweep)))
+    parent = store.find(file_of(sweep).id)
     assert parent is not None
-    return parent
+    return str(parent.info.run_id)
 
 
 def test_later_commands_add_their_jobs(tmp_path: Path) -> None:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import os
 import re
-import shlex
 import shutil
 import signal
 import socket
@@ -25,14 +24,12 @@ from islandgp.cli import islandgp
 from islandgp.commands import ui_command
 from islandgp.errors import TrackingError
 from islandgp.evolution.validation import Validation
-from islandgp.records.folder import Status
 from islandgp.resources import resource
 from islandgp.tracking import ui
 from islandgp.tracking.mlflow import sync_command
 from islandgp.tracking.store import ARM, Store, TrackingStore
 from islandgp.tracking.sync import place_from, sync
-from islandgp.tracking.ui import Pages, runs_page, served, share_views
-from islandgp.tracking.upload import RunUploader
+from islandgp.tracking.ui import Pages, runs_page, served, share_view
 from tests.running.commands import ROOT
 from tests.tracking.folders import closed_run, history, place
 from tests.tracking.test_sweep_folder import job, send, started_sweep
@@ -42,49 +39,26 @@ from tests.viewer.browser import Browser, chromium
 
 def test_the_runs_page_is_the_one_with_the_charts() -> None:
     """MLflow itself opens on a page for language models, which is empty."""
-    assert runs_page("http://h:1", "7", "CHART", "arms") == (
+    assert runs_page("http://h:1", "7", "CHART") == (
         "http://h:1/#/experiments/7/runs?workflowType=machine_learning&compareRunsMode=CHART"
-        "&viewStateShareKey=arms"
     )
 
 
-def test_the_view_of_the_arms_is_kept_in_the_store(store: Store) -> None:
-    """Grouped by arm, in the tag where MLflow's pages look for shared views."""
-    share_views(store)
-    tags = store.client.get_experiment(store.experiment).tags
-    state = json.loads(tags["mlflow.sharedViewState.arms"])
-    assert state["groupBy"]["groupByKeys"] == [{"mode": "tag", "groupByData": ARM}]
-    assert "fitness_max" in {chart["metricKey"] for chart in state["compareRunCharts"]}
-    assert len(tags["mlflow.sharedViewState.arms"]) < 5000  # MLflow's limit of a tag
-
-
-def test_the_view_has_a_chart_for_each_milestone_of_the_runs(home: Path, store: Store) -> None:
-    """And a column, for any names of the domain's tiers."""
-    RunUploader(closed_run(home / "runs/a/one", home), store).send(Status.FINISHED)
-    share_views(store)
-    text = store.client.get_experiment(store.experiment).tags["mlflow.sharedViewState.arms"]
-    state = json.loads(text)
-    charts = [chart["metricKey"] for chart in state["compareRunCharts"]]
-    assert charts[2:4] == ["tiers/complete", "tiers/excellent"]
-    firsts = ["metrics.`run/first.complete`", "metrics.`run/first.excellent`"]
-    assert state["selectedColumns"][-2:] == firsts
-    assert len(text) < 5000
-
-
 def test_the_arms_are_those_of_the_latest_sweep(home: Path, store: Store) -> None:
-    """Runs of other sweeps are in the table only, below their own sweep."""
+    """Grouped by arm, in the tag where MLflow's pages look for shared views."""
     parents = []
     for name in ("first", "second"):
         closed_run(home / f"runs/{name}/one", home)
         parents.append(send(started_sweep(home / f"runs/{name}", job("one")), store))
-    assert share_views(store) == "second"
-    tags = store.client.get_experiment(store.experiment).tags
-    arms, runs = (json.loads(tags[f"mlflow.sharedViewState.{key}"]) for key in ("arms", "runs"))
-    latest = store.client.search_runs([store.experiment], arms["searchFilter"])
+    assert share_view(store) == "second"
+    text = store.client.get_experiment(store.experiment).tags["mlflow.sharedViewState.arms"]
+    assert len(text) < 5000  # MLflow's limit of a tag
+    view = json.loads(text)
+    assert view["groupBy"]["groupByKeys"] == [{"mode": "tag", "groupByData": ARM}]
+    assert "fitness_max" in {chart["metricKey"] for chart in view["compareRunCharts"]}
+    latest = store.client.search_runs([store.experiment], view["searchFilter"])
     assert [run.data.tags["mlflow.parentRunId"] for run in latest] == [parents[1]]
     assert [run.data.tags[ARM] for run in latest] == ["baseline"]
-    assert [key["groupByData"] for key in runs["groupBy"]["groupByKeys"]] == ["sweep", ARM]
-    assert "searchFilter" not in runs
 
 
 def mlflow_colour(group: str) -> int:
@@ -289,22 +263,11 @@ def test_the_sync_command_counts_what_it_did(home: Path, monkeypatch: pytest.Mon
     assert "0 sent, 1 already there" in elsewhere.output
 
 
-def test_the_command_for_several_stores_works(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """One line for each store, with the jobs that name it."""
-    monkeypatch.chdir(home)
-    places = [place(home, name) for name in ("a", "b c")]
-    for name, each in zip(("one", "two"), places, strict=True):
-        folder = closed_run(home / "runs/s x" / name, home, 2)
-        text = (folder.config() or "").replace(
-            "experiment: islandgp", f"experiment: {each.experiment}"
-        )
-        (folder.path / "config.yaml").write_text(text)
-    lines = sync_command([home / "runs/s x"], places).splitlines()
-    assert len(lines) == 2
-    for line in lines:
-        words = shlex.split(line)
-        result = CliRunner().invoke(islandgp, words[words.index("sync") :])
-        assert "1 sent, 0 already there, 0 without tracking, 0 not sent" in result.output
+def test_the_command_for_several_stores_names_none() -> None:
+    """So `sync` finds the one of each run."""
+    places = [TrackingStore(f"http://{name}", None, "e") for name in "ab"]
+    assert "--uri" not in sync_command([Path("runs/s x")], places)
+    assert "--uri http://a --experiment e" in sync_command([Path("runs/s x")], places[:1])
 
 
 @pytest.mark.slow
@@ -373,7 +336,7 @@ def test_the_server_shows_two_arms(home: Path, store: Store) -> None:
     port = free_port()
     with served(store.place, port) as pages, Browser(program, home / "profile") as browser:
         browser.open(pages.arms)
-        charts = ("baseline (tiers/complete)", "expert (tiers/complete)")
+        charts = ("baseline (diversity)", "expert (diversity)")
         text = browser.wait_for(f"Group by: {ARM}", "Group: baseline", "Group: expert", *charts)
         colours = {arm: colour for colour, arm in re.findall(r"(#\w{6})\s+Group: (\w+)", text)}
         assert colours.keys() == {"baseline", "expert"}

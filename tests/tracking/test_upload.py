@@ -102,7 +102,7 @@ def test_a_finished_run_has_everything_that_people_look_for(home: Path, store: S
     assert stored.data.params["gp.population"] == "8"
     assert stored.data.params["supervisor.name"] == "baseline"
     assert stored.data.tags["supervisor"] == "baseline"
-    assert "best robot" in stored.data.tags["mlflow.note.content"]
+    assert "Best robot" in stored.data.tags["mlflow.note.content"]
     assert {file.path for file in store.client.list_artifacts(run)} == {
         "archive.json",
         "best.bt",

@@ -19,7 +19,7 @@ from islandgp.records.manifest import add_to_manifest
 from islandgp.running.best_robot import candidates_of
 from islandgp.running.report import summary, totals_of
 from tests.composed import composed, plain
-from tests.evolution.runs import SMALL, Constant, plan, run
+from tests.evolution.runs import SMALL, plan, run
 from tests.samples import CLASSES, best_of
 
 VALIDATION = Validation(
@@ -94,8 +94,3 @@ def changed_record(
     file.write_text("".join(f"{line}\n" for line in lines), encoding="utf-8")
     if folder.finished():
         add_to_manifest(folder.path, file.name)
-
-
-def supervised(rate: float = 0.5) -> list[Step]:
-    """The steps of a small run with this mutation rate."""
-    return run(supervisor=Constant(rate))

@@ -15,7 +15,7 @@ from islandgp.records.files import PAGE
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import damaged_files
 from islandgp.viewer import page_file
-from islandgp.viewer.page_file import complete_page, write_page
+from islandgp.viewer.page_file import write_page
 from tests.tracking.folders import archive, begun, closed_run, finished, steps
 
 
@@ -29,7 +29,7 @@ def folder(tmp_path: Path) -> RunFolder:
 
 def test_a_page_is_completed_once(folder: RunFolder) -> None:
     """It is in the manifest, and has the same bytes whoever writes it."""
-    complete_page(folder)
+    write_page(folder, Status.FINISHED)
     text = (folder.path / PAGE).read_text()
     assert 'data-status="FINISHED"' in text
     assert not damaged_files(folder.path)
@@ -41,16 +41,16 @@ def test_a_page_is_completed_once(folder: RunFolder) -> None:
 def test_a_file_that_a_killed_process_left_is_removed(name: str, folder: RunFolder) -> None:
     """When the page is completed."""
     (folder.path / f".{name}.17.tmp").write_text("half")
-    complete_page(folder)
+    write_page(folder, Status.FINISHED)
     assert not [*folder.path.glob(".*.tmp")]
 
 
 def test_a_changed_page_is_written_again(folder: RunFolder) -> None:
     """As its content is in the other files."""
-    complete_page(folder)
+    write_page(folder, Status.FINISHED)
     with (folder.path / PAGE).open("a") as page:
         page.write("more")
-    complete_page(folder)
+    write_page(folder, Status.FINISHED)
     assert not damaged_files(folder.path)
 
 
@@ -66,16 +66,16 @@ def test_a_page_is_not_written_into_another_run(
 
     monkeypatch.setattr(page_file, "run_page", replaced)
     before = (folder.path / PAGE).read_text()
-    complete_page(folder)
+    write_page(folder, Status.FINISHED)
     assert (folder.path / PAGE).read_text() == before
 
 
 def test_an_unfinished_run_has_no_last_page(tmp_path: Path) -> None:
     """A deleted folder is not made again."""
     with closing(begun(tmp_path / "run", tmp_path)) as folder, pytest.raises(RunError):
-        complete_page(folder)
+        write_page(folder, Status.FINISHED)
     with pytest.raises(RunError):
-        complete_page(RunFolder(tmp_path / "deleted"))
+        write_page(RunFolder(tmp_path / "deleted"), Status.FINISHED)
     assert not (tmp_path / "deleted").exists()
 
 
@@ -92,7 +92,7 @@ def test_a_replay_that_fails(
         raise error("the reason")
 
     monkeypatch.setattr(page_file, "champion_replay", fails)
-    complete_page(folder)
+    write_page(folder, Status.FINISHED)
     assert capsys.readouterr().err == "islandgp: no replay of the best robot: the reason\n"
     assert not damaged_files(folder.path)
 

@@ -134,7 +134,7 @@ function chart(id, title, lines, {text = short, low = null, high = null} = {}) {
 const curves = run.curves, DASHES = ["", "7 4", "2 3", "9 3 2 3"];
 chart("fitness", "Fitness, points", [
   {name: "best of a generation", values: curves.fitness_max, colour: "part-3", dots: true},
-  {name: "best so far in the stage", values: curves.top, colour: "part-3"},
+  {name: "best so far in the stage", values: curves.best_of_stage, colour: "part-3"},
   {name: "mean", values: curves.fitness_mean, colour: "part-0", dash: "7 4"},
 ], {text: value => Math.abs(value) >= 1e5 ? short(value) : number(value)});
 chart("tiers", "Share of the individuals by tier", Object.entries(curves.tiers).map(([name, values], i) => ({
