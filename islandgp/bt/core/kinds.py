@@ -276,7 +276,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         tick=closures.when,
         look=Look("\N{WHITE DIAMOND}", "yellow", "#fdf0cf", "#b57a00", "pointed"),
         ours=Target(
-            "When", ("condition", "abort"), "When({condition}, {abort!r}, child=", "Decorator"
+            "When", ("condition", "abort"), "When({condition}, abort={abort!r}, child=", "Decorator"
         ),
     ),
     "always": NodeKind(

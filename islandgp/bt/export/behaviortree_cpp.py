@@ -40,26 +40,18 @@ from islandgp.bt.core.node import (
 from islandgp.bt.core.parameters import Parameter
 from islandgp.bt.core.printer import Named, condition_text, number_text
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Action, Key, Vocabulary
+from islandgp.bt.export.import_cpp import READERS
 from islandgp.bt.export.scripts import NOT_A_NUMBER
-from islandgp.bt.export.tree_writer import TreeWriter, check_kinds, own_nodes
+from islandgp.bt.export.tree_writer import HEADER, TreeWriter, check_kinds, own_nodes
 from islandgp.errors import DomainError
 
 TREE_ID: Final = "Robot"
-HEADER: Final = "islandgp_nodes.hpp"
 
 
 _FLAGS: Final = {"no": "false", "yes": "true"}
 _FLAG: Final = Key()
 
-BUILT_IN: Final = frozenset((
-    *TARGETS, "ScriptCondition", "Action", "Condition", "Control", "Decorator", "SubTree",
-    "AlwaysFailure", "AlwaysSuccess", "AsyncFallback", "AsyncSequence", "EntryUpdated",
-    "IfThenElse", "LoopBool", "LoopDouble", "LoopInt", "LoopString", "ManualSelector",
-    "ParallelAll", "Precondition", "RetryUntilSuccesful", "RunOnce", "Script",
-    "SequenceWithMemory", "SetBlackboard", "SkipUnlessUpdated", "Sleep", "SubTreePlus", "Switch2",
-    "Switch3", "Switch4", "Switch5", "Switch6", "TestNode", "UnsetBlackboard", "WaitValueUpdate",
-    "WasEntryUpdated", "WhileDoElse",
-))  # fmt: skip
+BUILT_IN: Final = frozenset(("Condition", "Control", "Decorator", *READERS))
 """Names of nodes of the library, of our header and of Nav2, which actions cannot have."""
 
 

@@ -15,17 +15,18 @@ from islandgp.bt.core.node import ActionArgs, Node, as_subtree, commented, guard
 from islandgp.bt.core.parameters import referenced
 from islandgp.bt.core.source import closest, shown
 from islandgp.bt.core.vocabulary import NAME, RESERVED, Vocabulary
-from islandgp.bt.export.behaviortree_cpp import HEADER
 from islandgp.bt.export.scripts import read_condition
-from islandgp.bt.export.tree_writer import fresh_name
+from islandgp.bt.export.tree_writer import HEADER, fresh_name
 from islandgp.bt.export.xml_reader import Element, XmlTrees
 from islandgp.errors import LimitError, TreeError
 
 NOTES: Final = ("name", "_description", "_fullpath", "_uid")
 """Attributes without an effect on the tree; they become comments, `# name: ...`."""
-SKIPS: Final = ("_skipIf", "_while")
-PRECONDITIONS: Final = ("_failureIf", "_successIf", *SKIPS)
+PRECONDITIONS: Final = ("_failureIf", "_successIf", "_skipIf", "_while")
 """Attributes with conditions, in the order in which they are evaluated."""
+_SKIP_IN: Final = ("Sequence", "ReactiveSequence", "SequenceWithMemory", "Fallback",
+                   "ReactiveFallback")  # fmt: skip
+"""The parents in which a node can be skipped."""
 _SCRIPTS: Final = ("_onSuccess", "_onFailure", "_onHalted", "_post")
 """Attributes that write to the blackboard; others with _ in front are decoration of editors."""
 _EXPLICIT: Final = ("Action", "Condition", "Control", "Decorator")  # <Action ID="X"/> is <X/>
@@ -259,14 +260,15 @@ class Importer:
 
     def _tested(self, element: Element, name: str, test: ConditionExpr, node: Node) -> Node:
         """A node with the condition of an attribute, which is evaluated before it starts."""
-        if name not in SKIPS:
-            return (only_if if name == "_failureIf" else implies)(unless(test), node, "none")
-        parent = self.above[-1] if self.above else ""
-        if not parent.endswith(("Sequence", "Fallback", "SequenceWithMemory")):
-            self.fail(element, f"{shown(name)} is imported only in a Sequence or a Fallback")
-        self.differs(element, "skipped")
-        skip = only_if if parent.endswith("Fallback") else implies
-        return skip(test, node, "self") if name == "_while" else skip(unless(test), node, "none")
+        fails = name == "_failureIf"
+        if name in ("_skipIf", "_while"):
+            parent = self.above[-1] if self.above else ""
+            if parent not in _SKIP_IN:
+                self.fail(element, f"{shown(name)} is imported only in a Sequence or a Fallback")
+            self.differs(element, "skipped")
+            fails = parent.endswith("Fallback")
+        rule = only_if if fails else implies
+        return rule(test, node, "self") if name == "_while" else rule(unless(test), node, "none")
 
     def sized(self, element: Element, node: Node) -> Node:
         """The node. Raises LimitError if it is too large; trees may double each other."""
@@ -297,8 +299,12 @@ class Importer:
             self.fail(element, f"expected one child in <{element.tag}>, found {found}")
         return self.node(element.children[0])
 
+    def code(self, check: Element) -> ConditionExpr:
+        """The condition of a ScriptCondition."""
+        return self.condition(replace(check, attributes={**check.attributes}), "code")
+
     def condition(self, element: Element, attribute: str) -> ConditionExpr:
-        """The condition that an attribute asks in the library's script language."""
+        """The condition that an attribute asks in the library's script language; takes it."""
         try:
             expr = read_condition(self.script(element, attribute), self.vocabulary)
         except ValueError as error:
@@ -336,6 +342,12 @@ class Importer:
                 " make it a comment, <!-- ... -->",
             )
         return element
+
+
+def is_check(element: Element) -> bool:
+    """True for a condition without attributes that mean more than its code."""
+    special = {*PRECONDITIONS, *_SCRIPTS}.intersection(element.attributes)
+    return tag_of(element) == "ScriptCondition" and not special
 
 
 def _listed(names: Collection[str]) -> str:

@@ -52,8 +52,8 @@ from islandgp.bt.export.cpp_importer import (
     if_else,
     implies,
     inverted,
+    is_check,
     notes_of,
-    tag_of,
     unless,
 )
 from islandgp.bt.export.scripts import read_assignments
@@ -117,8 +117,8 @@ def _composite(importer: Importer, element: Element, tag: str) -> Node:
     parts: list[Test] = []
     for each in element.children[:-1]:
         guards = not reactive or not any(isinstance(part, Node) for part in parts)
-        if tag_of(each) == "ScriptCondition" and guards:
-            parts.append(importer.condition(replace(each, attributes={**each.attributes}), "code"))
+        if is_check(each) and guards:
+            parts.append(importer.code(each))
         else:
             node = importer.node(each)
             # In that library composites do not observe the guards of this branch.
@@ -155,21 +155,18 @@ def _plain(importer: Importer, element: Element, tag: str) -> Node:
     return Node(kind, (), children)
 
 
-def _number(
-    attributes: dict[str, str], port: str, low: float, high: float, default: str = ""
-) -> float:
-    text = attributes.pop(port, default)
+def _number(given: dict[str, str], port: str, low: float, high: float, default: str = "") -> float:
+    text = given.pop(port, default)
     number = float(text) if _NUMBER.fullmatch(text) else -1.0
     if not low <= number <= high:
         raise ValueError(f"expected {port} from {low:.6g} to {high:,}, found {shown(text)}")
     return number
 
 
-def _whole(attributes: dict[str, str], port: str, default: str = "") -> int:
-    number = _number(attributes, port, *COUNTS, default)
-    if number % 1:
-        raise ValueError(f"expected a whole number as {port}, found {number:g}")
-    return int(number)
+def _whole(given: dict[str, str], port: str, default: str = "") -> int:
+    if "." in given.get(port, ""):
+        raise ValueError(f"expected a whole number as {port}, found {shown(given[port])}")
+    return int(_number(given, port, *COUNTS, default))
 
 
 def _counted(importer: Importer, element: Element, tag: str) -> Node:
@@ -285,8 +282,8 @@ def _branching(importer: Importer, element: Element, tag: str) -> Node:
         importer.fail(element, f"expected two or three children in <{tag}>")
     first, *rest = element.children
     test: Test
-    if tag_of(first) == "ScriptCondition":
-        test = importer.condition(replace(first, attributes={**first.attributes}), "code")
+    if is_check(first):
+        test = importer.code(first)
     else:
         test = importer.node(first)
         if not answers_at_once(test, importer.vocabulary):

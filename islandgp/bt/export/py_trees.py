@@ -109,10 +109,13 @@ class _PythonWriter(TreeWriter):
     """Writes calls of classes, each with a comma behind it."""
 
     def differs(self, node: Node) -> bool:
-        if not isinstance(node.args, ParallelArgs):
-            return isinstance(node.args, SecondsArgs | GuardArgs)
-        success, failure = node.args.needed(len(node.children))
-        return failure > 1 or success not in (1, len(node.children))
+        match node.args:
+            case GuardArgs():
+                return not node.args.checks_itself
+            case ParallelArgs():
+                success, failure = node.args.needed(len(node.children))
+                return failure > 1 or success not in (1, len(node.children))
+        return isinstance(node.args, SecondsArgs)
 
     def comments(self, texts: Sequence[str]) -> list[str]:  # noqa: ARG002 -- a module has none
         return []
@@ -139,8 +142,8 @@ class _PythonWriter(TreeWriter):
             children = [_call("SuccessIsRunning('until_failure', child=", children)]
             return _call("Inverter('inverter', child=", children)
         target = self.target(node, observed)
-        assert target is not None  # as check_kinds says
-        return _call(target.python.format(**_values(node)), children)
+        python = target.python if target else "EternalGuard({condition}, child="
+        return _call(python.format(**_values(node)), children)
 
 
 def _call(opening: str, children: Sequence[list[str]]) -> list[str]:
@@ -181,9 +184,10 @@ def _assignment(assigned: Condition) -> str:
 
 
 def _condition(condition: ConditionExpr) -> str:
-    """A guard's name, keys and condition, as arguments of When."""
+    """A guard's name, keys and condition, as arguments of When and EternalGuard."""
     keys = [*dict.fromkeys(key for term in terms(condition) for key in term.keys)]
-    return f"{condition_text(condition)!r}, {keys!r}, lambda blackboard: {_expression(condition)}"
+    name, holds = condition_text(condition), f"lambda blackboard: {_expression(condition)}"
+    return f"{name!r}, blackboard_keys={keys!r}, condition={holds}"
 
 
 def _expression(expr: ConditionExpr) -> str:

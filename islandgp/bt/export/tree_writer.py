@@ -10,6 +10,7 @@ import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Final
 
 from islandgp.bt.analysis.context import has_interrupting_guard
 from islandgp.bt.core.kind import Target
@@ -17,6 +18,9 @@ from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.node import Node, marks_of, walk
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import DomainError
+
+HEADER: Final = "islandgp_nodes.hpp"
+"""The name of the C++ header with our nodes."""
 
 
 class TreeWriter(ABC):

@@ -46,17 +46,17 @@ class Through(Decorator):
 class When(Through):
     """Runs its child while `condition(blackboard)` holds.
 
-    The blackboard is a client that may read `keys`.
+    The blackboard is a client that may read `blackboard_keys`.
     `abort` is what a change of the condition stops. none: nothing, it is only checked at the
     start; self: the child; lower: later branches of the nearest InterruptibleSelector or
     InterruptibleSequence above; both: the child and later branches.
     """
 
-    def __init__(self, name, keys, condition, abort, child):
+    def __init__(self, name, blackboard_keys, condition, abort, child):
         """The class describes the arguments."""
         super().__init__(name, child)
         client = self.attach_blackboard_client()
-        for key in keys:
+        for key in blackboard_keys:
             client.register_key(key, access=Access.READ)
         self.condition = condition
         self.stops_itself = abort in ("self", "both")
