@@ -64,7 +64,7 @@ WRONG_NODES = {
     "<Sequence><ScriptCondition code='(lap == 1'/><SeekCharger/></Sequence>": "such as level",
     "<Sequence><ScriptCondition code='lap &lt; 1||'/><SeekCharger/></Sequence>": "such as level",
     f"<Sequence><ScriptCondition code='{'(' * 99}lap'/><SeekCharger/></Sequence>": "such as level",
-    "<Sequence><ScriptCondition code='lapp &lt; 1'/><SeekCharger/></Sequence>": "did you mean lap",
+    "<Sequence><ScriptCondition code='lapp &lt; 1'/><SeekCharger/></Sequence>": "Did you mean lap",
     "<Sequence><ScriptCondition code='lap'/><SeekCharger/></Sequence>": "lap is a number",
     "<Parallel success_count='4'><SeekCharger/><SeekCharger/><SeekCharger/></Parallel>": "1 to 3",
     "<SeekCharger _skipIf='lap == 1'/>": "'_skipIf'",
@@ -215,7 +215,7 @@ def test_more_comments_than_a_file_holds() -> None:
 
 
 def test_seconds() -> None:
-    """The program says the seconds between two ticks; XML has no node for a cooldown."""
+    """The program says the seconds between two ticks; no library has a node for a cooldown."""
     tree = parse("timeout 2 { SeekCharger }")
     assert '<TimeoutTicks seconds="2">' in behaviortree_cpp.to_xml(tree)
     module: dict[str, Any] = {}
@@ -223,8 +223,9 @@ def test_seconds() -> None:
     with pytest.raises(ValueError, match="the seconds of a tick"):
         module["create_tree"](module["Success"])
     assert module["create_tree"](module["Success"], step_s=0.2).ticks == 10
-    with pytest.raises(DomainError, match=r"without cooldown.*as Python \(--to pytrees"):
-        behaviortree_cpp.to_xml(parse("cooldown 2 { SeekCharger }"))
+    for write in (behaviortree_cpp.to_xml, py_trees.to_python):
+        with pytest.raises(DomainError, match=r"without cooldown.* run it in Python"):
+            write(parse("cooldown 2 { SeekCharger }"))
 
 
 @pytest.mark.parametrize("text", [*WRONG_XML, *WRONG_NODES])

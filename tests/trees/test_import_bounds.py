@@ -218,7 +218,7 @@ WRONG = {
     ),
     "smuggled": (
         xml_of("<When condition='foundGarbage { PatrolWaypoint } when lap'><A/></When>"),
-        "place <condition>:1:1: unexpected",
+        "unexpected",
     ),
     "op": (xml_of("<When condition='lap'><A/></When>"), "lap is a number"),
     "flag": (xml_of("<When condition='foundGarbage &lt; 1'><A/></When>"), "is a flag"),

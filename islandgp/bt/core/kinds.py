@@ -208,7 +208,6 @@ KINDS: Final[dict[str, NodeKind]] = {
         tick=closures.cooldown,
         look=Look("\N{SNOWFLAKE}", "cyan", "#e0eefb", "#2f6fb0"),
         may_fail=True,
-        ours=Target("", (), "CooldownTicks({seconds}, step_s, child=", "Decorator"),
     ),
     "pipeline": NodeKind(
         meaning="runs its children as a sequence that repeats the earlier ones in each tick, as"

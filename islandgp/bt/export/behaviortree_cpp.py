@@ -64,7 +64,7 @@ def to_xml(tree: Node, vocabulary: Vocabulary = EMPTY_VOCABULARY) -> str:
         DomainError: an action has the name of a node of the library, an argument has a name that
             a port cannot have, or the tree has a kind without an equivalent node.
     """
-    check_kinds(tree, {"cooldown"}, "Python (--to pytrees)")
+    check_kinds(tree, {"cooldown"})
     actions = sorted({node.action for node in walk(tree) if node.action})
     if taken := BUILT_IN.intersection(actions):
         raise DomainError(

@@ -14,7 +14,7 @@ The kinds of nodes with their arguments come from `KINDS`, as those of `grammar/
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from decimal import Decimal
 from math import ceil, floor
@@ -87,7 +87,26 @@ def tree_grammar(
             f"Expected an action in the vocabulary of {vocabulary.domain}, found none: without one"
             " there is no tree."
         )
-    return _Writer(vocabulary, in_json).grammar(depth, kinds, children)
+    writer = _Writer(vocabulary, in_json)
+    root = f"node{depth}"
+    writer.rule("wholetree", (root,), *[(root, '"\\n"')] * (not in_json))
+    writer.rule("b", ('" "',), *[("LINE",)] * (not in_json))
+    if not in_json:
+        writer.patterns["LINE"] = f"[\\n][ ]{{0,{2 * depth}}}"
+    known = [kind for kind in kinds if KINDS[kind].children != (0, 0)]
+    heads = {k: writer.head(k) for k in known if k != "when" or vocabulary.keys}
+    writer.rule("leaf", *(writer.action(n, i) for i, n in enumerate(vocabulary.actions)))
+    for level in range(1, depth + 1):
+        is_leaf = level < depth or depth == 1 or not in_json
+        choices: list[Parts] = [("leaf",)] * is_leaf
+        for kind, head in heads.items() if level > 1 else ():
+            low, high = KINDS[kind].children
+            if in_json and high > low:
+                low = 2  # a model would nest composites of one child
+            body = writer.body(level - 1, low, high, min(high, children))
+            choices.append((*head, '" {"', "b", body, "b", '"}"'))
+        writer.rule(f"node{level}", *choices)
+    return Grammar(writer.rules, writer.patterns)
 
 
 def answer_grammar(schema: Mapping[str, Any], tree: Grammar, rates: tuple[float, float]) -> Grammar:
@@ -98,24 +117,25 @@ def answer_grammar(schema: Mapping[str, Any], tree: Grammar, rates: tuple[float,
         tree: grammar of the field `tree`, for a JSON string.
         rates: lowest and highest number of the field `mutation_rate`.
     """
-    rules: dict[str, tuple[Parts, ...]] = {"answer": ()}
-    patterns = {**tree.patterns, "WORDS": _WORDS}
-    patterns["RATE"] = between(*rates, decimals=2)
-    rules["flag"], rules["text"] = (('"true"',), ('"false"',)), ((*_QUOTE, "WORDS", *_QUOTE),)
-    rules["tree"] = ((*_QUOTE, next(iter(tree.rules)), *_QUOTE),)
+    rules: dict[str, tuple[Parts, ...]] = {"answer": (), "flag": (('"true"',), ('"false"',))}
+    rules |= _STRINGS | {"tree": ((*_QUOTE, next(iter(tree.rules)), *_QUOTE),)}
     parts: list[str] = []
     for name, field in schema["properties"].items():
         parts.append(_literal(f'{", " if parts else "{"}"{name}": '))
         if "enum" in field:
-            rules[f"word{len(parts)}"] = tuple((_literal(f'"{word}"'),) for word in field["enum"])
+            rules[f"word{len(parts)}"] = _choices(f'"{word}"' for word in field["enum"])
             parts.append(f"word{len(parts)}")
         elif name == "tree":
             parts.append("tree")
         else:
             parts.append({"boolean": "flag", "number": "RATE"}.get(field["type"], "text"))
     rules["answer"] = ((*parts, '"}"'),)
-    used = rules if "tree" in parts else {n: r for n, r in rules.items() if n != "tree"}
-    return Grammar({**used, **(tree.rules if "tree" in parts else {})}, patterns)
+    if "tree" in parts:
+        rules |= tree.rules
+    else:
+        del rules["tree"]
+    rate = between(*rates, decimals=2)
+    return Grammar(rules, {**tree.patterns, "WORDS": _WORDS, "RATE": rate})
 
 
 def edit_grammar(tree: Grammar, places: Mapping[str, Sequence[str]]) -> Grammar:
@@ -125,179 +145,138 @@ def edit_grammar(tree: Grammar, places: Mapping[str, Sequence[str]]) -> Grammar:
         tree: grammar of the branch, for a JSON string.
         places: paths in the tree of each individual, by its id.
     """
-    head, tail = _literal('{"reasoning": '), _literal("}]}")
     answer = (
-        *(head, "text", _literal(', "edits": [{"kind": '), "kind", _literal(', "of": '), "place"),
-        *(_literal(', "branch": '), *_QUOTE, next(iter(tree.rules)), *_QUOTE),
-        *(_literal(', "reason": '), "text", tail),
+        *(_literal('{"reasoning": '), "text", _literal(', "edits": [{"kind": '), "kind"),
+        *(_literal(', "of": '), "place", _literal(', "branch": ')),
+        *(*_QUOTE, next(iter(tree.rules)), *_QUOTE),
+        *(_literal(', "reason": '), "text", _literal("}]}")),
     )
-    rules: dict[str, tuple[Parts, ...]] = {
-        "answer": (answer,),
-        "text": ((*_QUOTE, "WORDS", *_QUOTE),),
-        "kind": ((_literal('"front"'),), (_literal('"replace"'),)),
-        "place": tuple(
-            (_literal(f'"{name}", "at": "{path}"'),)
-            for name, paths in places.items()
-            for path in paths
-        ),
-    }
+    paths = (f'"{name}", "at": "{path}"' for name, each in places.items() for path in each)
+    rules = {"answer": (answer,), **_STRINGS, "kind": _choices(('"front"', '"replace"'))}
+    rules["place"] = _choices(paths)
     return Grammar({**rules, **tree.rules}, {**tree.patterns, "WORDS": _WORDS})
-
-
-_QUOTE: Final = ('"\\""',)
 
 
 def _literal(text: str) -> str:
     return '"' + text.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
+def _choices(texts: Iterable[str]) -> tuple[Parts, ...]:
+    """One of some texts."""
+    return tuple((_literal(text),) for text in texts)
+
+
+_QUOTE: Final = ('"\\""',)
+_STRINGS: Final[dict[str, tuple[Parts, ...]]] = {"text": ((*_QUOTE, "WORDS", *_QUOTE),)}
+
+
 class _Writer:
     """Collects rules and patterns."""
 
     def __init__(self, vocabulary: Vocabulary, in_json: bool) -> None:
-        self.vocabulary, self.quote = vocabulary, '\\"' if in_json else '"'
-        self.in_json = in_json
+        self.vocabulary, self.in_json = vocabulary, in_json
         self.rules: dict[str, tuple[Parts, ...]] = {}
         self.patterns: dict[str, str] = {}
 
-    def grammar(self, depth: int, kinds: Collection[str], children: int) -> Grammar:
-        start: list[Parts] = [(f"node{depth}",)]
-        blanks: list[Parts] = [('" "',)]
-        if not self.in_json:
-            start.append((f"node{depth}", '"\\n"'))
-            blanks.append(("LINE",))
-            self.patterns["LINE"] = f"[\\n][ ]{{0,{2 * depth}}}"
-        self.rules["wholetree"] = tuple(start)
-        self.rules["b"] = tuple(blanks)
-        heads = {
-            kind: self._head(kind)
-            for kind in kinds
-            if KINDS[kind].children != (0, 0) and (kind != "when" or self.vocabulary.keys)
-        }
-        self.rules["leaf"] = tuple(
-            self._action(n, i) for i, n in enumerate(self.vocabulary.actions)
-        )
-        for level in range(1, depth + 1):
-            choices: list[Parts] = (
-                [("leaf",)] if level < depth or depth == 1 or not self.in_json else []
-            )
-            for kind, head in heads.items() if level > 1 else ():
-                low, high = KINDS[kind].children
-                if self.in_json and high > low:
-                    low = 2  # a model would nest composites of one child
-                body = f"list{level - 1}" if high > low else f"body{low}of{level - 1}"
-                self._body(level - 1, low, min(high, children), body)
-                choices.append((*head, '" {"', "b", body, "b", '"}"'))
-            self.rules[f"node{level}"] = tuple(choices)
-        return Grammar(self.rules, self.patterns)
+    def rule(self, name: str, *choices: Parts) -> str:
+        """Adds a rule; returns its name."""
+        self.rules[name] = choices
+        return name
 
-    def _body(self, level: int, low: int, high: int, name: str) -> None:
-        """Rules for `low` to `high` nodes of a level."""
-        node = f"node{level}"
-        if high == UNLIMITED:
-            self.rules[name] = ((node,), (node, "b", name))
-            return
-        counts = range(low, high + 1)
-        self.rules[name] = tuple((node, *("b", node) * (n - 1)) for n in counts)
+    def body(self, level: int, low: int, high: int, most: int) -> str:
+        """The rule for `low` to `most` nodes of a level."""
+        node, name = f"node{level}", f"list{level}" if high > low else f"body{low}of{level}"
+        if most == UNLIMITED:
+            return self.rule(name, (node,), (node, "b", name))
+        return self.rule(name, *((node, *("b", node) * (n - 1)) for n in range(low, most + 1)))
 
-    def _head(self, kind: str) -> Parts:
+    def head(self, kind: str) -> Parts:
         """A node before its brace."""
         parts = [_literal(kind)]
         for argument in KINDS[kind].arguments:
-            name = f"{kind}{argument.name}".replace("_", "")
             values = self._values(argument)
             if argument.default is None:
-                parts += ['" "', *values]
+                parts += ['" "', values]
             else:
-                self.rules[name] = ((), (_literal(f" {argument.name} "), *values))
-                parts.append(name)
+                name = f"{kind}{argument.name}".replace("_", "")
+                parts.append(self.rule(name, (), (_literal(f" {argument.name} "), values)))
         return tuple(parts)
 
-    def _values(self, argument: Argument) -> Parts:
-        if argument.sort is Sort.CONDITION:
-            return (self._condition(),)
-        if argument.sort is Sort.COUNT:
-            return (self._number("COUNT", *REPEATS, whole=True),)
-        if argument.sort is Sort.SECONDS:
-            return (self._number("SECONDS", *SECONDS),)
-        words = tuple((_literal(word),) for word in argument.words)
-        name = argument.sort.name.lower() + "of" + argument.name
+    def _values(self, argument: Argument) -> str:
+        match argument.sort:
+            case Sort.CONDITION:
+                return self._condition()
+            case Sort.COUNT:
+                return self._number("COUNT", *REPEATS, whole=True)
+            case Sort.SECONDS:
+                return self._number("SECONDS", *SECONDS)
+        words = _choices(argument.words)
         if argument.sort is Sort.POLICY:
             words += ((self._number("COUNT", *REPEATS, whole=True),),)
-        self.rules[name] = words
-        return (name,)
+        return self.rule(f"{argument.sort.name.lower()}of{argument.name}", *words)
 
     def _condition(self) -> str:
         """Rules for conditions; at most MAX_TERMS terms in all."""
-        keys = self.vocabulary.keys
-        self.rules["atom"] = tuple(p for name in keys for p in self._comparisons(name, keys[name]))
-        self.rules["term"] = (("atom",), ('"not "', "atom"))
-        self.rules["joint"] = (('" and "',), ('" or "',))
-        n = MAX_CHILDREN_NESTED
-        group = (('"("', f"join2of{n}", '")"'), ('"not ("', f"join2of{n}", '")"'))
-        self.rules["part"] = (("term",), *group)
+        keys, n = self.vocabulary.keys, MAX_CHILDREN_NESTED
+        self.rule("atom", *(p for name in keys for p in self._comparisons(name, keys[name])))
+        self.rule("term", ("atom",), ('"not "', "atom"))
+        self.rule("joint", ('" and "',), ('" or "',))
+        few = f"join2of{n}"
+        self.rule("part", ("term",), ('"("', few, '")"'), ('"not ("', few, '")"'))
         for name, item, most in (("join", "term", MAX_TERMS), ("mixed", "part", n)):
             for k in range(1, most + 1):
-                longer = ((item, "joint", f"{name}{k - 1}"),) if k > 1 else ()
-                self.rules[f"{name}{k}"] = ((item,), *longer)
-        self.rules[f"join2of{n}"] = (("term", "joint", f"join{n - 1}"),)
-        self.rules["condition"] = ((f"join{MAX_TERMS}",), (f"mixed{n}",))
-        return "condition"
+                longer = [(item, "joint", f"{name}{k - 1}")] * (k > 1)
+                self.rule(f"{name}{k}", (item,), *longer)
+        self.rule(few, ("term", "joint", f"join{n - 1}"))
+        return self.rule("condition", (f"join{MAX_TERMS}",), (f"mixed{n}",))
 
     def _comparisons(self, name: str, key: Key) -> list[Parts]:
         if key.flag:
             return [(_literal(name),)]
-        rights = [(_literal(right),) for right in (*key.words, *self.vocabulary.comparable(name))]
-        if not key.words:
-            rights.append((self._threshold(name, key),))
-        return [
-            (_literal(f"{name} {operator} "), *right)
-            for operator in key.operators
-            for right in rights
-        ]
+        rights = [*map(_literal, (*key.words, *self.vocabulary.comparable(name)))]
+        rights += [] if key.words else [self._threshold(name, key)]
+        return [(_literal(f"{name} {op} "), right) for op in key.operators for right in rights]
 
     def _threshold(self, name: str, key: Key) -> str:
         if not self.in_json:
             self.patterns["NUMBER"] = _ANY_NUMBER
             return "NUMBER"
-        pattern = f"KEY{self.vocabulary.key_index[name]}"
         most = key.high if key.most is None else key.most
         is_whole = key.whole or most - key.low > COARSE
-        self.patterns[pattern] = between(key.low, most, whole=is_whole, decimals=2)
-        return pattern
+        pattern = f"KEY{self.vocabulary.key_index[name]}"
+        return self._number(pattern, key.low, most, whole=is_whole, decimals=2)
 
-    def _action(self, name: str, index: int) -> Parts:
+    def action(self, name: str, index: int) -> Parts:
         """A leaf, with any of its arguments in their order."""
-        arguments = self.vocabulary.actions[name].arguments
-        if not arguments:
+        rule, items = f"args{index}", [*self.vocabulary.actions[name].arguments.items()]
+        if not items:
             return (_literal(name),)
-        rule, items = f"args{index}", list(arguments.items())
         values = [
             (_literal(f"{key}: "), *self._value(f"{rule}v{i}", each))
             for i, (key, each) in enumerate(items)
         ]
         for first in range(len(items), -1, -1):  # the arguments from `first` on, after another
             later = range(first, len(items))
-            self.rules[f"{rule}from{first}"] = (
-                (),
-                *(('", "', *values[i], f"{rule}from{i + 1}") for i in later),
-            )
+            nexts = (('", "', *values[i], f"{rule}from{i + 1}") for i in later)
+            self.rule(f"{rule}from{first}", (), *nexts)
         begun = ((*values[i], f"{rule}from{i + 1}") for i in range(len(items)))
-        self.rules[rule] = ((), *(('"("', *parts, '")"') for parts in begun))
+        self.rule(rule, (), *(('"("', *parts, '")"') for parts in begun))
         return (_literal(name), rule)
 
     def _value(self, name: str, parameter: Parameter) -> Parts:
         if parameter.words:
-            self.rules[name] = tuple((_literal(word),) for word in parameter.words)
-            return (name,)
+            return (self.rule(name, *_choices(parameter.words)),)
         if parameter.sort == "text":
             self.patterns["TEXT"] = "[ !#-\\[\\]-~]{0,60}"
-            return (_literal(self.quote), "TEXT", _literal(self.quote))
+            quote = _literal('\\"' if self.in_json else '"')
+            return (quote, "TEXT", quote)
         is_whole = parameter.sort == "integer"
         return (self._number(name.upper(), parameter.low, parameter.high, whole=is_whole),)
 
-    def _number(self, name: str, low: float, high: float, *, whole: bool = False) -> str:
-        self.patterns[name] = between(low, high, whole=whole)
+    def _number(
+        self, name: str, low: float, high: float, *, whole: bool = False, decimals: int = 3
+    ) -> str:
+        self.patterns[name] = between(low, high, whole=whole, decimals=decimals)
         return name
 
 

@@ -56,9 +56,8 @@ from islandgp.bt.export.cpp_importer import (
     notes_of,
     unless,
 )
-from islandgp.bt.export.scripts import read_assignments
+from islandgp.bt.export.scripts import read_assignments, read_script
 from islandgp.bt.export.xml_reader import Element, read_xml
-from islandgp.errors import TreeError
 
 _BOARD: Final = re.compile(r"\{[A-Za-z_][A-Za-z0-9_]*\}")  # a port that names a blackboard entry
 _NUMBER: Final = re.compile(r"[0-9]{1,9}(\.[0-9]{1,20})?")
@@ -177,7 +176,7 @@ def _counted(importer: Importer, element: Element, tag: str) -> Node:
         args = CountArgs(_whole(given, port, "1"))
         children = importer.nodes(element)
         if len(children) != 2:
-            importer.fail(element, f"expected two children, found {len(children)}")
+            raise ValueError(f"expected two children, found {len(children)}")
         return Node(kind, args, children)
     is_endless = given.get(port) == "-1" and given.pop(port)
     args = CountArgs(1) if is_endless else CountArgs(_whole(given, port))
@@ -255,15 +254,10 @@ def _threshold(given: dict[str, str], ports: Sequence[str], default: str, count:
 def _when(importer: Importer, element: Element, _: str) -> Node:
     abort = element.attributes.pop("abort", "both")
     if abort not in ABORTS:
-        message = f"expected abort {', '.join(ABORTS)}, found {shown(abort)}; choose one"
-        importer.fail(element, message)
+        raise ValueError(f"expected abort {', '.join(ABORTS)}, found {shown(abort)}; choose one")
     # Words of keys have quotes there.
     text = re.sub(r"'(\w+)'", r"\1", importer.script(element, "condition"))
-    try:
-        expr = parse_condition(text, importer.vocabulary)
-    except TreeError as error:
-        lines = [line.strip() for line in str(error).splitlines()]
-        importer.fail(element, "; ".join(["in the condition, place " + lines[0], *lines[3:]]))
+    expr = read_script(lambda: parse_condition(text, importer.vocabulary), text)
     return guarded(expr, importer.child(element), abort)
 
 
@@ -279,7 +273,7 @@ def _always(importer: Importer, element: Element, tag: str) -> Node:  # noqa: AR
 def _branching(importer: Importer, element: Element, tag: str) -> Node:
     """An IfThenElse or a WhileDoElse."""
     if not 2 <= len(element.children) <= 3:
-        importer.fail(element, f"expected two or three children in <{tag}>")
+        raise ValueError(f"expected two or three children in <{tag}>")
     first, *rest = element.children
     test: Test
     if is_check(first):
@@ -309,7 +303,7 @@ def _switch(importer: Importer, element: Element, tag: str) -> Node:
         for value in [element.attributes.pop(f"case_{i + 1}", "")]
     ]
     if len(element.children) != len(cases) + 1:
-        importer.fail(element, f"expected {len(cases) + 1} children in <{tag}>")
+        raise ValueError(f"expected {len(cases) + 1} children in <{tag}>")
     *branches, node = (without_interrupts(child) for child in importer.nodes(element))
     for case, branch in zip(reversed(cases), reversed(branches), strict=True):
         node = if_else(case, (branch, node), "self")
@@ -336,7 +330,7 @@ def _set(importer: Importer, element: Element, tag: str) -> Node:
 def _action(importer: Importer, element: Element, tag: str) -> Node:
     """A leaf; the values of its ports are arguments."""
     if element.children:
-        importer.fail(element, f"expected no children of the action {tag}")
+        raise ValueError(f"expected no children of the action {tag}")
     vocabulary, given = importer.vocabulary, element.attributes
     values: dict[str, Value] = {}
     for port, parameter in vocabulary.action(tag).arguments.items():
@@ -357,7 +351,7 @@ def _action(importer: Importer, element: Element, tag: str) -> Node:
 
 def _gate(importer: Importer, element: Element, tag: str) -> Node:
     if tag not in importer.vocabulary.actions:
-        importer.fail(element, f"expected the node {tag} in the vocabulary, as a leaf")
+        raise ValueError(f"expected the node {tag} in the vocabulary, as a leaf")
     importer.differs(element, "gate")
     leaf = _action(importer, replace(element, children=[]), tag)
     first = leaf if GATES[tag] == "sequence" else inverted(leaf)

@@ -30,7 +30,6 @@ from islandgp.bt.core.node import (
     SetArgs,
     asked_in,
     keys_in,
-    names_in,
     walk,
 )
 from islandgp.bt.core.parameters import bound, referenced
@@ -52,7 +51,7 @@ def to_python(tree: Node, vocabulary: Vocabulary = EMPTY_VOCABULARY) -> str:
 
     Each named subtree becomes a separate function.
     """
-    check_kinds(tree, NAV2, "XML (--to btcpp)")
+    check_kinds(tree, {"cooldown", *NAV2})
     leaves = (node.args for node in walk(tree) if isinstance(node.args, ActionArgs))
     values = (value for args in leaves for _, value in args.values)
     if given := {key for value in values if (key := referenced(value)) in vocabulary.keys}:
@@ -71,15 +70,10 @@ def to_python(tree: Node, vocabulary: Vocabulary = EMPTY_VOCABULARY) -> str:
     keys = "".join(
         f"    {name}: {meaning}".rstrip(": ") + "\n" for name, meaning in descriptions.items()
     )
-    for name in sorted(names_in(tree)[0]):
-        if uses := vocabulary.action(name).uses:
-            text += f"\n    {name} uses {', '.join(uses)}, which no other action may use at once.\n"
     module = own_nodes("tree_module.txt")
     reserved = {*re.findall(r"\w+", module + nodes), *keyword.kwlist, *dir(builtins)}
     writer = _PythonWriter(vocabulary, reserved)
     root = writer.node(tree)
-    if any(node.kind == "cooldown" for node in walk(tree)):
-        root = _call("TickCounter('ticks', child=", [root])
     subtrees = writer.subtrees.items()
     functions = [_SUBTREE.format(name=name, tree=_body(lines)) for name, lines in subtrees]
     return module.format(

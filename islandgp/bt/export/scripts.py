@@ -50,7 +50,9 @@ def read_condition(code: str, vocabulary: Vocabulary) -> ConditionExpr:
         ValueError: the script has no equivalent condition; the message has the reason.
     """
     expr = _condition(_python(code), vocabulary)
-    return _with_numbers(_read(lambda: parse_condition(condition_text(expr), vocabulary), code))
+    return _with_numbers(
+        read_script(lambda: parse_condition(condition_text(expr), vocabulary), code)
+    )
 
 
 def read_assignments(code: str, vocabulary: Vocabulary) -> list[Condition]:
@@ -70,7 +72,7 @@ def read_assignments(code: str, vocabulary: Vocabulary) -> list[Condition]:
         truth = _truth(name, term, vocabulary)
         value = number_text(term) if isinstance(term, float) else side(term)
         text = f"set {name} = {value if truth is None else ('no', 'yes')[truth]}"
-        args = _read(lambda text=text: parse(text, vocabulary), statement).args  # type: ignore[misc]
+        args = read_script(lambda text=text: parse(text, vocabulary), statement).args  # type: ignore[misc]
         assert isinstance(args, SetArgs)
         assigned.append(args.assigned)
     if not assigned:
@@ -78,13 +80,12 @@ def read_assignments(code: str, vocabulary: Vocabulary) -> list[Condition]:
     return assigned
 
 
-def _read(read: Callable[[], T], code: str) -> T:
+def read_script(read: Callable[[], T], code: str) -> T:
     """What is read from a translated script. Raises ValueError with the message in a line."""
     try:
         return read()
     except TreeError as error:
-        first, *rest = str(error).splitlines()
-        hints = [f"{line[:1].lower()}{line[1:]}" for line in (rest[2:] if error.source else rest)]
+        first, _, _, *hints = str(error).splitlines()  # without the line and its caret
         message = "; ".join([_PLACE.sub("", first), *hints])
         raise ValueError(f"{message}, in {shown(code.strip())}") from None
 

@@ -90,12 +90,12 @@ class TreeWriter(ABC):
         """The lines of comments."""
 
 
-def check_kinds(tree: Node, rejected_kinds: Iterable[str], other: str) -> None:
-    """Raises DomainError for a tree with one of these kinds; `other`: the format for them."""
+def check_kinds(tree: Node, rejected_kinds: Iterable[str]) -> None:
+    """Raises DomainError for a tree with one of these kinds."""
     if missing := {node.kind for node in walk(tree)}.intersection(rejected_kinds):
         raise DomainError(
-            f"Expected a tree without {min(missing)}, for which the library has no node; export it"
-            f" as {other}, or run it in Python (load_tree) or by a plug-in such as that of ROS."
+            f"Expected a tree without {min(missing)}, for which the library has no node; run it in"
+            " Python (load_tree) or by a plug-in such as that of ROS."
         )
 
 

@@ -199,7 +199,7 @@ class Timed(Through):
         if step_s is None:
             raise ValueError("expected create_tree(action, step_s) with the seconds of a tick")
         self.ticks = max(1, ceil(Fraction(str(seconds)) / Fraction(str(step_s))))
-        self.left = self.free = 0
+        self.left = 0
 
     def count(self):
         """Counts the ticks since the start; returns those that are left."""
@@ -229,42 +229,6 @@ class TimeoutTicks(Timed):
             yield self
             return
         yield from super().tick()
-
-
-class TickCounter(Through):
-    """The root of a tree with CooldownTicks: counts its ticks."""
-
-    now = 0
-
-    def tick(self):
-        """Counts, then ticks the tree."""
-        self.now += 1
-        yield from super().tick()
-
-
-class CooldownTicks(Timed):
-    """Fails for some ticks after its child has ended, without ticking it."""
-
-    def now(self):
-        """The number of the tick."""
-        root = self
-        while root.parent is not None:
-            root = root.parent
-        return root.now
-
-    def tick(self):
-        """Fails during the cooldown, else ticks the child."""
-        if self.status != Status.RUNNING and self.now() < self.free:
-            self.stop(Status.FAILURE)
-            yield self
-            return
-        yield from super().tick()
-
-    def update(self):
-        """The status of the child, whose end begins the cooldown."""
-        if self.decorated.status != Status.RUNNING:
-            self.free = self.now() + self.ticks
-        return self.decorated.status
 
 
 def _guards(branch):
