@@ -144,7 +144,8 @@ def _comparison(
             "{} ({} to {})".format(*_signed([row[name + end] for end in ENDS], sign))
             for row in rows
         ]
-        yield Column(f"{name} (95 %)", texts, left=True)
+        shown = ["", *texts[1:]] if name == "difference" else texts
+        yield Column(f"{name} (95 %)", shown, left=True)
     yield Column("better in", ["", *(f"{row['better_in']} of {worlds}" for row in rows[1:])])
     for tier in settings.classes.tiers:
         yield Column(title(tier), [f"{row['tiers'][tier]:.0%}" for row in rows])
