@@ -153,7 +153,7 @@ def test_check_refuses_with_both_lines(islandgp: Cli, tmp_path: Path) -> None:
 def test_wrong_names_are_refused() -> None:
     """A text instead of a tuple, and a name that is none."""
     for uses in ("base", ("my base",)):
-        with pytest.raises(DomainError, match="uses of the action Go"):
+        with pytest.raises(DomainError, match=r"as uses\S* of the action Go"):
             Vocabulary("cart", {"Go": Action("", uses=uses)}, {})  # type: ignore[arg-type]
 
 

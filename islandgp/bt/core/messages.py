@@ -66,30 +66,27 @@ def unknown_key(word: Word, vocabulary: Vocabulary, parameters: Collection[str])
 def unwritable(word: Word, keys: Mapping[str, Key]) -> TreeError:
     """The error for a `set` of a key that trees do not write."""
     writable = [name for name, key in keys.items() if key.writable]
-    expected = f"a key that is declared with `initial`: {', '.join(writable) or 'none'}"
-    if word.text in keys:
-        return word.error(f"{word.text} is a key that only the domain writes", expected=expected)
-    return _unknown(word, "blackboard key", expected, writable)
+    return word.error(
+        f"{shown(word.token)} is no key that trees write",
+        expected=f"a key that is declared with `initial`: {', '.join(writable) or 'none'}",
+        guess=closest(word.text, writable),
+        kind=TreeError if word.text in keys else UnknownNameError,
+    )
 
 
 def wrong_operand(
     name: str, word: Word, keys: Mapping[str, Key], constants: Collection[str]
 ) -> TreeError:
     """The error for what a key of this name cannot be compared with, or set to."""
-    if word.text == name:
-        return word.error(f"{name} is compared with itself", expected="another key, or a value")
     key = keys[name]
-    alike = [each for each, other in keys.items() if other.kind == key.kind and each != name]
+    others = [each for each, other in keys.items() if other.kind == key.kind and each != name]
     expected = " | ".join(key.choices) or f"a number, a constant ({_listing(constants)})"
-    expected += f", or a key of the same kind: {', '.join(alike)}" * bool(alike)
-    if word.text in keys:
-        other = keys[word.text].kind
-        message = f"{name} is {key.kind} and {word.text} is {other}; they can't be compared"
-        return word.error(message, expected=expected)
-    names = [*key.choices, *constants, *alike]
-    if key.choices:
-        return _unknown(word, "word", expected, names, of=f" of {name}")
-    return _unknown(word, "constant or key", expected, names)
+    return word.error(
+        f"{shown(word.token)} does not fit {name}, which is {key.kind}",
+        expected=expected + f", or another key: {', '.join(others)}" * bool(others),
+        guess=closest(word.text, [*key.choices, *constants, *others]),
+        kind=TreeError if word.text in keys else UnknownNameError,
+    )
 
 
 def unknown_constant(word: Word, constants: Collection[str], keys: Sequence[str] = ()) -> TreeError:

@@ -141,12 +141,7 @@ class NodeBuilder:
                 expected="e.g. `when 0.5 * a + b > 1`",
             )
         name = self.word(part, KEY)
-        key = self._key(name)
-        if key is not None and not key.flag:
-            raise name.error(
-                f"{name.text} is {key.kind} and must be compared with one",
-                expected=f"`when {key.example(name.text)}`, with one of {' '.join(key.operators)}",
-            )
+        self._key(name)
         return Condition(name.text, "is", 0.0)
 
     def _comparison(self, parts: Sequence[Any], level: int) -> Condition:
@@ -158,15 +153,7 @@ class NodeBuilder:
                 raise self.source.error_at(first, f"unexpected {shown(first)}", expected=KEY)
             return comparison(term, str(operator), self._term(right, level))
         name = self.word(left, KEY)
-        key = self._key(name)
-        if key is not None and operator not in key.operators:
-            expected = f"one of: {' '.join(key.operators)}"
-            if key.flag:
-                expected = f"`when {name.text}` or `when not {name.text}`, without a value"
-            raise name.error(
-                f"{name.text} is {key.kind} and can't be compared by {shown(operator)}",
-                expected=expected,
-            )
+        key = self._key(name, str(operator))
         return Condition(name.text, str(operator), *self._operand(name, key, right))
 
     def _operand(self, name: Word, key: Key | None, token: Token) -> tuple[float, str]:
@@ -180,7 +167,8 @@ class NodeBuilder:
         if not words and (word.type == "NUMBER" or word.text in self.constants):
             return self.number(token), ""
         other = self._keys.get(word.text)
-        if word.text == name.text or (key is not None and (not other or other.kind != key.kind)):
+        is_alike = other and key and other.kind == key.kind and word.text != name.text
+        if key is not None and not is_alike:
             raise messages.wrong_operand(name.text, word, self._keys, self.constants)
         return 0.0, word.text
 
@@ -227,13 +215,25 @@ class NodeBuilder:
                 )
         return word.text
 
-    def _key(self, name: Word) -> Key | None:
-        """The key of a name; None if it can be any. Raises TreeError for an unknown one."""
+    def _key(self, name: Word, operator: str = "") -> Key | None:
+        """The key of a name; None if it can be any. Raises TreeError unless it can stand there.
+
+        `operator`: with which it is compared; "": it is a condition alone.
+        """
         if self.vocabulary is None or name.open:
             return None
-        if name.text not in self._keys:
+        key = self._keys.get(name.text)
+        if key is None:
             raise messages.unknown_key(name, self.vocabulary, self.values)
-        return self._keys[name.text]
+        if operator not in (key.operators or ("",)):
+            operators = f", with one of {' '.join(key.operators)}" * bool(key.operators)
+            raise name.error(
+                f"{name.text} is {key.kind}, so {shown(operator)} can't follow"
+                if operator
+                else f"{name.text} is {key.kind} and must be compared with one",
+                expected=f"`when {key.example(name.text)}`{operators}",
+            )
+        return key
 
     def _assignment(self, tree: Tree) -> Condition:
         """The assignment of a value to a key."""
