@@ -26,9 +26,9 @@ from islandgp.errors import RunError
 from islandgp.records.archive_file import read_archive
 from islandgp.records.folder import RunFolder, run_folders
 from islandgp.records.parameters import flatten
+from islandgp.records.sweep import arm_of, job_of
 from islandgp.records.values import generation_values, individual_values, run_values
 from islandgp.scoring.constraints import Constraints, recorded_constraints
-from islandgp.sweep.folder import arm_of, job_of
 
 if TYPE_CHECKING:
     from pandas import DataFrame  # type: ignore[import-untyped] # its stubs are a package apart

@@ -15,7 +15,7 @@ from islandgp.errors import IslandError, RunError, TrackingError, brief
 from islandgp.gate import check_folder, cleaned
 from islandgp.records.files import pretty
 from islandgp.records.folder import RunFolder, Status, run_folders
-from islandgp.sweep.folder import SweepFolder
+from islandgp.records.sweep import SweepFolder
 from islandgp.tracking.store import Store, TrackingStore, run_key
 from islandgp.tracking.sync import place_of
 

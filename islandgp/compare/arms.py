@@ -14,8 +14,8 @@ import yaml
 from islandgp.errors import StudyError
 from islandgp.records.folder import run_folders
 from islandgp.records.parameters import flatten
+from islandgp.records.sweep import SweepFolder
 from islandgp.scoring.classes import Classes
-from islandgp.sweep.folder import SweepFolder
 
 SHORT_KEYS: Final = {
     "supervisor": "supervisor.name",

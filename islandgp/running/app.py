@@ -99,7 +99,7 @@ def _run_all(args: argparse.Namespace, argv: list[str], home: Path) -> int:
         if not choose(RunFolder(job.folder), job.settings, redacted(job.config)).finished():
             check_parts(job.settings)
     if job.sweep:
-        from islandgp.sweep.run import run_sweep  # only for sweeps
+        from islandgp.running.sweep import run_sweep  # only for sweeps
 
         return run_sweep(jobs, command_line(argv), home)
     end = run(job.settings, job.config, job.folder, home=home, command=command_line(argv))

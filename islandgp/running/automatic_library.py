@@ -5,13 +5,12 @@ from __future__ import annotations
 import hashlib
 import json
 import sys
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from contextlib import closing
 from dataclasses import asdict, dataclass
 from math import inf
 from pathlib import Path
 from typing import Final
-from weakref import WeakValueDictionary
 
 from filelock import FileLock
 
@@ -55,15 +54,16 @@ def automatic_library(
         if not file.exists():
             library = _search(settings, domain, make_evaluator)
             write_atomic(file, json.dumps(asdict(library), indent=1).encode())
-    cached = kept_library(file)
-    texts = cached.trees
-    behaviours = settings.classes.behaviours
-    _report_missing([name for name in behaviours if name not in texts], settings)
-    trees = {
-        name: parse(text, domain.schema.vocabulary, name=f"{file}: {name}")
-        for name, text in texts.items()
-    }
-    return Library(trees, texts, {name: (name,) for name in trees}, {}, cached.episodes)
+    with reading("a library that was searched for", file):
+        kept = from_json(KeptLibrary, read_json(file.read_bytes()))
+    if missing := [name for name in settings.classes.behaviours if name not in kept.trees]:
+        _say(
+            f"library: found no tree for {', '.join(missing)} in any stage; supervisors inject none"
+            " for that. Write a tree for each behaviour, and name their folder in library.folder"
+        )
+    vocabulary = domain.schema.vocabulary
+    trees = {n: parse(t, vocabulary, name=f"{file}: {n}") for n, t in kept.trees.items()}
+    return Library(trees, kept.trees, {name: (name,) for name in trees}, {}, kept.episodes)
 
 
 def library_file(settings: Settings, domain: Domain) -> Path:
@@ -100,12 +100,6 @@ class KeptLibrary:
 
     episodes: int  # of the search; they count in the budget of each run with this library
     trees: dict[str, str]  # canonical texts by behaviour
-
-
-def kept_library(file: Path) -> KeptLibrary:
-    """Read a stored library. Raises RunError if the file is damaged."""
-    with reading("a library that was searched for", file):
-        return from_json(KeptLibrary, read_json(file.read_bytes()))
 
 
 def _search(
@@ -157,21 +151,6 @@ def _stages(settings: Settings) -> Iterator[int]:
         yield len(stages) - 1
         return
     yield from (i for i, world in enumerate(worlds) if world not in worlds[:i])
-
-
-_reported: WeakValueDictionary[int, Settings] = WeakValueDictionary()
-"""Ids of settings whose missing behaviours were reported, as a run may load its library twice."""
-
-
-def _report_missing(missing: Sequence[str], settings: Settings) -> None:
-    """Reports behaviours without a tree, once a run."""
-    if not missing or _reported.get(id(settings)) is settings:
-        return
-    _reported[id(settings)] = settings
-    _say(
-        f"library: found no tree for {', '.join(missing)} in any stage; supervisors inject none for"
-        " that. Write a tree for each behaviour, and name their folder in library.folder"
-    )
 
 
 def _say(line: str) -> None:

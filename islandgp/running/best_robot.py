@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
 
 from islandgp.bt.analysis.names import with_names
 from islandgp.bt.core.language import parse, to_text
@@ -12,7 +11,7 @@ from islandgp.bt.core.printer import with_subtrees
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.config.settings import Settings
 from islandgp.domain import Outcome
-from islandgp.evaluation.base import Evaluator, Problem, evaluated
+from islandgp.evaluation.base import Evaluator, evaluated
 from islandgp.evolution.candidates import (
     Candidate,
     Candidates,
@@ -53,31 +52,23 @@ def candidates_of(settings: Settings) -> Candidates:
     return CandidatesByFitness(settings.classes, constraints=settings.constraints)
 
 
-@dataclass(frozen=True, slots=True)
-class FinalEpisodes:
-    """Numbers of episodes after the training of a run."""
+def final_episodes(settings: Settings, totals: RunTotals) -> tuple[int, int, int]:
+    """Numbers of episodes after the training: choice of a candidate, pruning with the explanation,
+    test.
 
-    choice: int  # of the candidates
-    pruning: int  # with the explanation
-    test: int
-
-
-def final_episodes(settings: Settings, totals: RunTotals) -> FinalEpisodes:
-    """The episodes that follow the training; with a budget, all that remain.
-
-    There are none with gp.validation=0. Shortening takes no more episodes than the training.
+    With a budget these are all that remain. There are none with gp.validation=0. Shortening takes
+    no more episodes than the training.
     """
     if settings.gp.validation == 0:
-        return FinalEpisodes(0, 0, 0)
+        return 0, 0, 0
     budget, test = settings.budget.episodes, TESTED * TEST_WORLDS
     pruning = min(settings.prune.episodes, totals.episodes)
     if budget is None:
-        choice = max(1, round(settings.gp.validation * settings.gp.episodes_in_all))
-        return FinalEpisodes(choice, pruning, test)
+        return max(1, round(settings.gp.validation * settings.gp.episodes_in_all)), pruning, test
     left = budget - totals.episodes
     pruning = min(pruning, int(settings.prune.budget_share * budget), left // 2)
     test = min(test, (left - pruning) // 3)
-    return FinalEpisodes(left - pruning - test, pruning, test)
+    return left - pruning - test, pruning, test
 
 
 def best_robot(
@@ -93,10 +84,10 @@ def best_robot(
     fitness in training. Then it is shortened, tested in fresh worlds, and explained. Its subtrees
     get the names that they have in the founders.
     """
-    episodes = final_episodes(settings, totals)
-    winner, choice_worlds = _chosen(settings, totals, evaluator, episodes.choice)
-    problem = settings.problem()
-    vocabulary, stage = problem.domain.schema.vocabulary, totals.stage
+    choice, pruning, test = final_episodes(settings, totals)
+    winner, choice_worlds = _chosen(settings, totals, evaluator, choice)
+    problem, stage = settings.problem(), totals.stage
+    vocabulary = problem.domain.schema.vocabulary
     used: list[int] = [*totals.worlds, *choice_worlds]
     new_worlds = fresh_worlds(settings.seed, frozenset(used))
 
@@ -108,29 +99,32 @@ def best_robot(
     def outcomes(trees: Sequence[Node], seeds: Sequence[int]) -> list[list[Outcome]]:
         return evaluated(evaluator, trees, stage, seeds)
 
-    tree = parse(winner.tree, vocabulary)
-    explaining = int(EXPLAIN_SHARE * episodes.pruning)
+    explaining = int(EXPLAIN_SHARE * pruning)
     pruned = prune(
-        tree,
+        parse(winner.tree, vocabulary),
         vocabulary,
         outcomes,
         problem.run(stage),
         worlds,
         Keep(settings.prune.tolerance, settings.classes, settings.constraints),
-        episodes=episodes.pruning - explaining,
+        episodes=pruning - explaining,
         most_worlds=settings.prune.worlds,
     )
-    chosen_in = tuple(used[len(totals.worlds) :])
-    test_worlds = new_worlds(episodes.test // TESTED)
-    usages = _usages(pruned.best, problem, outcomes, test_worlds, stage, explaining)
-    named = with_names(pruned.best, vocabulary, founders)
+    chosen_in, best = tuple(used[len(totals.worlds) :]), pruned.best
+    test_worlds = new_worlds(test // TESTED)
+    count = min(EXPLAIN_WORLDS, explaining // (size(best) + 1), len(test_worlds))
+    usages: list[NodeUsage] = []
+    if count > 1:
+        counts = usage(problem.run(stage), best, test_worlds[:count])
+        usages = with_losses(counts, best, outcomes, test_worlds[:count])
+    named = with_names(best, vocabulary, founders)
     record = next(target.records(winner.generation))
     return Best(
         winner.generation,
         next(i for i in record["individuals"] if i["id"] == winner.id),
-        to_text(pruned.best),
+        to_text(best),
         with_subtrees(explained(named, usages) if usages else named),
-        _tested(settings, totals, pruned.best, vocabulary, outcomes, test_worlds),
+        _tested(settings, totals, best, vocabulary, outcomes, test_worlds),
         _front(pruned),
         tuple(step.change for step in pruned.steps[1:]),
         chosen_in,
@@ -157,21 +151,23 @@ def _chosen(
     return winner, verdict.worlds
 
 
-Evaluate = Callable[[Sequence[Node], Sequence[int]], list[list[Outcome]]]
-
-
 def _tested(
     settings: Settings,
     totals: RunTotals,
     tree: Node,
     vocabulary: Vocabulary,
-    evaluate: Evaluate,
+    evaluate: Callable[[Sequence[Node], Sequence[int]], list[list[Outcome]]],
     worlds: Sequence[int],
 ) -> Validation | None:
     """The results in fresh worlds, compared with the reference tree and that of generation 0."""
     if not worlds:
         return None
-    others = {} if (reference := _reference_tree(settings)) is None else dict([reference])
+    others: dict[str, Node] = {}
+    library = settings.library
+    if library.folder is not None and library.reference_trees:
+        name = library.reference_trees[0]
+        text = read_tree(library_folder(library.folder, settings.make_domain()), name)
+        others[f"tree {name}"] = parse(text, vocabulary, name=name)
     if totals.first_best:
         others[FIRST_BEST] = parse(totals.first_best, vocabulary)
     own, *theirs = evaluate([tree, *others.values()], worlds)
@@ -179,45 +175,12 @@ def _tested(
     return judged(worlds, own, settings.classes, settings.constraints, by_name)
 
 
-def _usages(
-    tree: Node,
-    problem: Problem,
-    evaluate: Evaluate,
-    worlds: Sequence[int],
-    stage: int,
-    episodes: int,
-) -> list[NodeUsage]:
-    """What each node of the tree does, and is worth; [] if episodes are few."""
-    count = min(EXPLAIN_WORLDS, episodes // (size(tree) + 1), len(worlds))
-    if count < 2:
-        return []
-    return with_losses(
-        usage(problem.run(stage), tree, worlds[:count]), tree, evaluate, worlds[:count]
-    )
-
-
 def _front(pruned: PruneResult) -> tuple[FrontTree, ...]:
     """The front with the original as plain values; () if no shorter tree was tried."""
-    if not pruned.front:
-        return ()
-    entries = [
-        *(
-            (c.tree, TreeComparison("the longest tree", *interval(c.differences)))
-            for c in pruned.front
-        ),
-        (pruned.original, None),
+    entries: list[tuple[Node, TreeComparison | None]] = [
+        (c.tree, TreeComparison("the longest tree", *interval(c.differences))) for c in pruned.front
     ]
     return tuple(
         FrontTree(size(tree), to_text(tree), difference, tree == pruned.best)
-        for tree, difference in entries
+        for tree, difference in [*entries, *[(pruned.original, None)] * bool(entries)]
     )
-
-
-def _reference_tree(settings: Settings) -> tuple[str, Node] | None:
-    """The name of the reference tree in reports, and the tree; None: there is none."""
-    library, domain = settings.library, settings.make_domain()
-    if library.folder is None or not library.reference_trees:
-        return None
-    name = library.reference_trees[0]
-    text = read_tree(library_folder(library.folder, domain), name)
-    return f"tree {name}", parse(text, domain.schema.vocabulary, name=name)

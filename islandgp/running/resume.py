@@ -7,6 +7,7 @@ import json
 import subprocess
 import sys
 from collections.abc import Mapping
+from contextlib import suppress
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
@@ -44,7 +45,8 @@ def choose(folder: RunFolder, settings: Settings, config: Mapping[str, Any]) -> 
     about = folder.about()
     if about is not None and about.domain_code not in ("", domain_code(settings)):
         changed.append(f"domain.factory: the code of {path_of(settings.domain.factory)}")
-    if about is not None and _start_changed(settings, about.start, folder.finished()):
+    start = _start_digest(settings, finished=folder.finished())
+    if about is not None and start not in (about.start, ""):
         changed.append(f"start: the content of {settings.start}")
     if changed and (settings.resume != "force" or folder.finished()):
         state = "the finished run" if folder.finished() else "the run"
@@ -58,23 +60,18 @@ def choose(folder: RunFolder, settings: Settings, config: Mapping[str, Any]) -> 
     return folder
 
 
-def _start_digest(settings: Settings) -> str:
-    """The digest of the content of `start`; "" without one. Raises as `start.start_digest`."""
+def _start_digest(settings: Settings, *, finished: bool = False) -> str:
+    """The digest of the content of `start`; "" without one. Raises as `start.start_digest`.
+
+    A finished run does not need it: "" if it cannot be read.
+    """
     if settings.start is None:
         return ""
     from islandgp.running.start import start_digest  # only with `start`
 
-    return start_digest(settings.start)
-
-
-def _start_changed(settings: Settings, before: str, finished: bool) -> bool:
-    """True if the content of `start` has changed since the run began. Raises as `_start_digest`."""
-    try:
-        return _start_digest(settings) != before
-    except IslandError:
-        if finished:  # a finished run does not need it
-            return False
-        raise
+    with suppress(*[IslandError] * finished):
+        return start_digest(settings.start)
+    return ""
 
 
 def differences(old: Mapping[str, Any], new: Mapping[str, Any]) -> list[str]:
@@ -156,24 +153,23 @@ def _code_version() -> str:
 def _commit(checkout: Path) -> str:
     """The commit of a checkout, with -dirty if a tracked file is changed; "" if unknown.
 
-    `git describe --dirty` writes the index, also without optional locks; `git status` does not.
+    Nothing is written: `git describe --dirty` and `git diff` would write the index.
     """
     if not (checkout / ".git").exists():
         return ""
-    status = "status --porcelain=v2 --branch --untracked-files=no"
+    words = [
+        "git",
+        "--no-optional-locks",
+        "status",
+        "--porcelain=v2",
+        "--branch",
+        "--untracked-files=no",
+    ]
     try:
-        process = subprocess.run(
-            ["git", "--no-optional-locks", *status.split()],
-            cwd=checkout,
-            capture_output=True,
-            text=True,
-            timeout=5,
-            check=False,
-        )
-    except (OSError, subprocess.TimeoutExpired):
+        lines = subprocess.check_output(words, cwd=checkout, text=True, timeout=5).splitlines()
+    except (OSError, subprocess.SubprocessError):
         return ""
-    lines = process.stdout.splitlines()  # of the branch, with a #, and of changed files
     commit = next((line[13:25] for line in lines if line.startswith("# branch.oid ")), "")
-    if not commit.isalnum():  # git failed, or there is no commit yet
+    if not commit.isalnum():  # there is no commit yet
         return ""
     return commit if lines[-1].startswith("#") else f"{commit}-dirty"

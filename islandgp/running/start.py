@@ -12,7 +12,7 @@ from typing import Final
 
 from islandgp.bt.analysis.conflicts import conflict_in_words
 from islandgp.bt.core.language import parse, to_text
-from islandgp.bt.core.node import Limits, Node, depth, size, within
+from islandgp.bt.core.node import Limits, Node, within
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import ConfigError, TreeError, brief
 from islandgp.records.archive_file import read_archive
@@ -46,35 +46,37 @@ def start_trees(
         TreeError: the file is not a tree of the vocabulary.
         IslandError: the file cannot be read.
     """
-    if start.endswith(TREE_FILE):
-        return (_tree_of(start, vocabulary, limits),)
-    archive, _ = read_archive(Path(start))
-    if archive.domain != vocabulary.domain:
-        raise ConfigError(
-            f"start={start}: expected an archive of the domain {vocabulary.domain}, found one of"
-            f" {archive.domain}; give a run of this domain, in any world."
-        )
     trees: list[Node] = []
     reasons: list[str] = []
-    for elite in archive.best_first():
-        if len(trees) == most:
-            break
-        try:
-            tree = parse(elite.tree, vocabulary, name=f"{start}, elite {elite.id}")
-        except TreeError as error:
-            reasons.append(brief(error))
-            continue
+
+    def add(tree: Node) -> None:
+        conflict = conflict_in_words(tree, vocabulary)
         if not within(tree, limits):
             reasons.append("it exceeds gp.max_depth or gp.max_nodes")
-        elif shared := conflict_in_words(tree, vocabulary):
-            reasons.append(shared)
+        elif conflict:
+            reasons.append(conflict)
         else:
             trees.append(tree)
+
+    if start.endswith(TREE_FILE):
+        add(_tree_of(start, vocabulary))
+    else:
+        archive, _ = read_archive(Path(start))
+        if archive.domain != vocabulary.domain:
+            raise ConfigError(
+                f"start={start}: expected an archive of the domain {vocabulary.domain}, found one"
+                f" of {archive.domain}; give a run of this domain, in any world."
+            )
+        for elite in archive.best_first():
+            try:
+                if len(trees) < most:
+                    add(parse(elite.tree, vocabulary, name=f"{start}, elite {elite.id}"))
+            except TreeError as error:
+                reasons.append(brief(error))
     if not trees:
-        reason = f" ({reasons[0]})" if reasons else ""
         raise ConfigError(
-            f"start={start}: expected trees that this run can use, found none{reason}; give another"
-            " run, or raise the limits."
+            f"start={start}: expected trees that this run can use, found none"
+            f" ({(reasons or ['it has none'])[0]}); give another run or file, or raise the limits."
         )
     if reasons:
         warn(
@@ -91,20 +93,6 @@ def start_digest(start: str) -> str:
     return read_archive(Path(start))[1]
 
 
-def _tree_of(
-    start: str, vocabulary: Vocabulary | None = None, limits: Limits | None = None
-) -> Node:
+def _tree_of(start: str, vocabulary: Vocabulary | None = None) -> Node:
     path = Path(start)
-    tree = parse(read_text_file(path), vocabulary, name=start, folder=path.parent, marked=True)
-    if limits is not None and not within(tree, limits):
-        raise ConfigError(
-            f"start={start}: expected at most {limits.max_nodes} nodes and depth"
-            f" {limits.max_depth}, found {size(tree)} and {depth(tree)}; raise gp.max_nodes or"
-            " gp.max_depth."
-        )
-    if vocabulary is not None and (shared := conflict_in_words(tree, vocabulary)):
-        raise ConfigError(
-            f"start={start}: expected actions that never share a resource, found that {shared};"
-            f" `islandgp check {start}` shows where."
-        )
-    return tree
+    return parse(read_text_file(path), vocabulary, name=start, folder=path.parent, marked=True)

@@ -17,7 +17,7 @@ from islandgp.errors import IslandError, TrackingError, UntrustedError
 from islandgp.gate import cleaned
 from islandgp.records.folder import RunFolder, Status, run_folders
 from islandgp.records.parameters import without_credentials
-from islandgp.sweep.folder import SweepFolder
+from islandgp.records.sweep import SweepFolder
 from islandgp.tracking.store import MLflowSettings, Store, TrackingStore
 from islandgp.tracking.upload import RunUploader, send_sweep
 

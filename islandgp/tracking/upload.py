@@ -22,12 +22,12 @@ from typing import Final
 from filelock import FileLock
 
 from islandgp.errors import RunError, TrackingError
+from islandgp.records.arms import ArmSummary, arm_table, arms, sweep_note
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import flat
+from islandgp.records.sweep import SweepFile, SweepFolder, arm_of
 from islandgp.records.values import generation_values, metric_values, run_values
 from islandgp.scoring.constraints import recorded_constraints
-from islandgp.sweep.folder import SweepFile, SweepFolder, arm_of
-from islandgp.sweep.summary import ArmSummary, arm_table, arms, sweep_note
 from islandgp.tracking.artifacts import Artifact, artifacts, note
 from islandgp.tracking.store import ARM, LOCK, SENT, Store, points, run_key
 from islandgp.viewer.page_file import write_page

@@ -23,8 +23,8 @@ from islandgp.compare.measures import read_runs
 from islandgp.errors import RunError, StudyError
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import flatten
+from islandgp.records.sweep import SweepFile, SweepJob
 from islandgp.results import load
-from islandgp.sweep.folder import SweepFile, SweepJob
 from tests.compare.fake_runs import config, fake_run, written
 from tests.tracking.folders import closed_run
 

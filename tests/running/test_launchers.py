@@ -12,7 +12,7 @@ from islandgp.config.compose import planned
 from islandgp.config.naming import command_line
 from islandgp.evaluation.processes import cores
 from islandgp.running.app import main
-from islandgp.sweep.launch import BASIC, jobs_at_once, kind_of
+from islandgp.running.launch import BASIC, jobs_at_once, kind_of
 from tests.running.commands import ROOT, finish, group_members, start
 
 pytestmark = pytest.mark.process

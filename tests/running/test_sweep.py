@@ -15,11 +15,11 @@ from hypothesis import strategies as st
 from islandgp.config.compose import Planned, planned
 from islandgp.config.naming import run_folder
 from islandgp.errors import ConfigError
+from islandgp.records.sweep import SweepFile, SweepFolder
+from islandgp.running import sweep as sweep_run
 from islandgp.running.app import main
-from islandgp.sweep import run as sweep_run
-from islandgp.sweep.folder import SweepFile, SweepFolder
-from islandgp.sweep.launch import BASIC, SweepTask
-from islandgp.sweep.run import run_sweep
+from islandgp.running.launch import BASIC, SweepTask
+from islandgp.running.sweep import run_sweep
 from islandgp.tracking.store import ARM
 from tests.composed import composed, named
 from tests.profiles import examples, sweep

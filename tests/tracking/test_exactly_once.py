@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from islandgp.sweep.folder import SweepFolder
+from islandgp.records.sweep import SweepFolder
 from islandgp.tracking import upload
 from islandgp.tracking.artifacts import Artifact
 from islandgp.tracking.store import Store

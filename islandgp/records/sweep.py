@@ -17,8 +17,8 @@ from filelock import FileLock
 
 from islandgp.atomic_files import usable, write_atomic
 from islandgp.errors import RunError, brief
-from islandgp.gate import check_file, is_inside, read_bytes
-from islandgp.plain import DECODE_ERRORS, validate_json
+from islandgp.gate import check_file, cleaned_values, is_inside, read_bytes
+from islandgp.plain import DECODE_ERRORS, from_json, read_json
 from islandgp.records.files import pretty
 from islandgp.records.folder import RunFolder, Status, locked, take
 from islandgp.records.parameters import key_of, short_key
@@ -129,17 +129,16 @@ class SweepFolder:
         if not path.exists():
             return None
         try:
-            plain = validate_json(SweepFile, read_bytes(path))
-            jobs = [SweepJob(**{**j, "choices": tuple(j["choices"])}) for j in plain["jobs"]]
-            for job in jobs:
+            sweep = from_json(SweepFile, cleaned_values(read_json(read_bytes(path))))
+            for job in sweep.jobs:
                 if not is_inside(job.folder) or (self.path / job.folder).is_symlink():
                     raise ValueError(f"the job {job.folder!r} is not in the sweep's folder")
-            return SweepFile(**{**plain, "commands": tuple(plain["commands"]), "jobs": tuple(jobs)})
         except DECODE_ERRORS as error:
             raise RunError(
                 f"Expected the jobs of a sweep in {path}, found a damaged file ({brief(error)});"
                 " delete it: the runs beside it stay as they are."
             ) from error
+        return sweep
 
     def run(self, job: SweepJob) -> RunFolder:
         """The folder of a job."""

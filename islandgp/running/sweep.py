@@ -15,15 +15,15 @@ from islandgp.config.compose import Planned
 from islandgp.config.naming import is_choice
 from islandgp.errors import ConfigError, IslandError, RunError, brief
 from islandgp.evaluation.processes import cores
+from islandgp.records.arms import arm_table, arms, identical_arms, power_line
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import identity_config, redacted, without_credentials
+from islandgp.records.sweep import SweepFolder, SweepJob
 from islandgp.running.console import echo
+from islandgp.running.launch import SweepTask, jobs_at_once, kind_of, launch
 from islandgp.running.parts import supervised_runs
 from islandgp.running.report import MOSTLY_FALLBACK, is_mostly_fallback
 from islandgp.running.resume import choose, differences
-from islandgp.sweep.folder import SweepFolder, SweepJob
-from islandgp.sweep.launch import SweepTask, jobs_at_once, kind_of, launch
-from islandgp.sweep.summary import arm_table, arms, identical_arms, power_line
 
 
 @dataclass(frozen=True, slots=True)

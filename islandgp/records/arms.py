@@ -17,8 +17,8 @@ from typing import Any, Final
 
 from islandgp.records.folder import Status
 from islandgp.records.parameters import TASK
+from islandgp.records.sweep import SweepFile, SweepFolder, SweepJob
 from islandgp.records.values import fallback_words, validation_mean
-from islandgp.sweep.folder import SweepFile, SweepFolder, SweepJob
 from islandgp.text import in_points, title
 
 LEAST_PAIRS: Final = 6  # with fewer, no signed-rank test has p < 0.05

@@ -1,1 +1,0 @@
-"""Sweeps: their folder, jobs, progress, and searches that choose the jobs."""
