@@ -16,7 +16,6 @@ from islandgp.domain import Domain, Observer, Outcome, Scene
 from islandgp.gp.record import IndividualRecord
 from islandgp.scoring.explain import explained_in_text
 from islandgp.supervision.base import GenerationView, RunContext
-from islandgp.supervision.llm.prompts import about
 from islandgp.text import in_points
 
 SPANS: Final = 8  # parts of an episode, one line each
@@ -137,26 +136,10 @@ def _number(value: float) -> str:
     return f"{round(value, 1) + 0.0:g}"
 
 
-def trace_of(name: str, i: IndividualRecord, context: RunContext, now: GenerationView) -> str:
-    """A description of an individual's episode in the first world of its evaluation."""
-    n, seed = context.gp.episodes, _first_world(i, context, now)
-    tree = parse(i.tree, context.schema.vocabulary)
-    domain = context.domain_in(now.snapshot.generation)
-    outcome, lines = describe_episode(domain, tree, seed, now.multipliers)
-    mean = f" on the mean of {n} episodes" if n > 1 else ""
-    which = f"the first, with {in_points(outcome.fitness)} points," if n > 1 else "an episode"
-    head = (
-        f"{name}, {in_points(i.fitness)} points{mean} ({components([i])}). In {which} of"
-        f" {in_points(outcome.seconds)} s that ended with {', '.join(outcome.endings)} it did"
-        " (shares of time, several actions can be in one tick):"
-    )
-    return "\n".join(filter(None, (head, about(domain, seed), *lines)))
-
-
-def _first_world(i: IndividualRecord, context: RunContext, now: GenerationView) -> int:
-    """The world of an individual's first episode in the generation."""
-    n = context.gp.episodes
-    return now.worlds[0 if context.gp.shared_seed else now.individuals.index(i) * n]
+def world_of(i: IndividualRecord, context: RunContext, now: GenerationView) -> tuple[Domain, int]:
+    """The domain and the seed of an individual's first episode in the generation."""
+    place = 0 if context.gp.shared_seed else now.individuals.index(i) * context.gp.episodes
+    return context.domain_in(now.snapshot.generation), now.worlds[place]
 
 
 def explanation_of(
@@ -166,13 +149,13 @@ def explanation_of(
 
     They are in the first world of its evaluation.
     """
-    domain = context.domain_in(now.snapshot.generation)
+    domain, first = world_of(i, context, now)
 
     def run(tree: Node, seed: int, observer: Observer | None) -> Outcome:
         return domain.run_episode(tree, seed, now.multipliers, observer)
 
     tree = parse(i.tree, context.schema.vocabulary)
-    return explained_in_text(run, tree, [_first_world(i, context, now)])
+    return explained_in_text(run, tree, [first])
 
 
 def components(members: Sequence[IndividualRecord]) -> str:

@@ -1,30 +1,35 @@
 """The sections of prompts on the run so far: classes, injected trees, decisions, traces, edits.
 
+Their texts are in `prompts/history.jinja`.
+
 They depend on the configuration, the domain and the records of generations only, so a resumed run
 and a replay have the same. Their size is limited, and no tree is shown twice in a prompt.
 """
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from statistics import fmean
-from typing import Final
+from typing import Any, Final
 
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node
-from islandgp.gp.archive import Elite
 from islandgp.gp.edits import EditRecord, EditTrial, nodes_with_paths, path_text
 from islandgp.gp.population import Origin
 from islandgp.gp.record import GuidanceRecord, IndividualRecord
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import merit, violation
 from islandgp.scoring.generation_stats import GenerationStats
-from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, RunContext
-from islandgp.supervision.llm.answers import MAX_EXPLANATION
-from islandgp.supervision.llm.episode import components, explanation_of, shortened, trace_of
-from islandgp.text import in_points
+from islandgp.supervision.llm.episode import (
+    components,
+    describe_episode,
+    explanation_of,
+    shortened,
+    world_of,
+)
+from islandgp.supervision.llm.prompts import about, environment
 
 ROWS: Final = 40  # most classes in a prompt
 KEPT: Final = 5  # most injected trees and decisions in a prompt
@@ -72,6 +77,13 @@ class PastEdit:
     generation: int  # in which its tree was evaluated, or would have been
     edit: EditRecord
     trial: EditTrial | None  # None: refused, or not evaluated
+
+    @property
+    def change(self) -> str:
+        """The branch, donor or number of the edit, in one line."""
+        e = self.edit
+        change = e.branch or (f"donor {e.donor} at {e.donor_at!r}" if e.donor else f"{e.number}")
+        return " ".join(change.split())
 
 
 @dataclass(frozen=True, slots=True)
@@ -137,90 +149,103 @@ class Shown:
         return f"```\n{comments.strip() or shortened(tree)}\n```"
 
 
-def run_values(
-    context: RunContext, state: PopulationState, run: RunHistory, names: Collection[str]
-) -> tuple[dict[str, str], int]:
-    """The values of RUN_VALUES that `names` has, and the episodes simulated for them.
+@dataclass(frozen=True, slots=True)
+class Sections:
+    """Makes the sections of prompts that differ between generations.
 
-    Others, and those without data so far, are "".
+    Their values are by variable, "" without data so far, beside the episodes simulated for them.
     """
-    values, now, shown, episodes = dict.fromkeys(RUN_VALUES, ""), run.now, Shown(), 0
-    if now is None:
-        return values, 0
-    if "earnings" in names:
-        values["earnings"] = "\n".join(_earnings(now.individuals, context.classes))
-    if "traces" in names:
-        texts, episodes = _traces(context, state, now, shown)
-        values["traces"] = "\n\n".join(texts)
-    if "injected" in names:
-        trees = [_injected(tree, now, context.classes, shown) for tree in run.injected]
-        values["injected"] = "\n\n".join(trees)
-    if "decisions" in names:
-        lines = [_decision(past, context) for past in run.decisions]
-        values["decisions"] = "\n".join(lines)
-    return values, episodes
 
+    context: RunContext  # of the run
+    run: RunHistory  # so far
+    view: GenerationView  # whose points and traces are shown
 
-def _earnings(individuals: Sequence[IndividualRecord], classes: Classes) -> Iterator[str]:
-    """A line for each class and tier with individuals in the generation."""
-    groups = {
-        **{n: [i for i in individuals if i.specialist == n] for n in classes.specialist_names},
-        **{
-            f"{classes.tier_title(name)}s": [i for i in individuals if name in i.tiers]
-            for name in classes.tiers
-        },
-    }
-    for name, members in list(groups.items())[:ROWS]:
-        if members:
-            points = [i.fitness for i in members]
-            yield (
-                f"- {name}: {len(members)} individuals, mean {in_points(fmean(points))} points,"
-                f" best {in_points(max(points))}; on the mean {components(members)}"
+    @property
+    def _texts(self) -> Any:
+        """The macros of the template."""
+        names = {"run": self.context, "view": self.view, "best_rank": best_rank, "mean": fmean}
+        template = environment().get_template("history.jinja")
+        return template.make_module({**names, "components": components})
+
+    def of_run(self, rarest: Sequence[str], names: Collection[str]) -> tuple[dict[str, str], int]:
+        """The values of RUN_VALUES that `names` has, others being "".
+
+        `rarest` are the behaviours, the rarest first.
+        """
+        values, shown, episodes = dict.fromkeys(RUN_VALUES, ""), Shown(), 0
+        texts, classes, members = self._texts, self.context.classes, self.view.individuals
+        if "earnings" in names:
+            groups = {
+                n: [i for i in members if i.specialist == n] for n in classes.specialist_names
+            }
+            for name in classes.tiers:
+                groups[f"{classes.tier_title(name)}s"] = [i for i in members if name in i.tiers]
+            values["earnings"] = texts.earnings(dict([*groups.items()][:ROWS]))
+        if "traces" in names:
+            values["traces"], episodes = self._traces(rarest, shown)
+        if "injected" in names:
+            values["injected"] = texts.injected(self.run.injected, shown)
+        if "decisions" in names:
+            values["decisions"] = texts.decisions(self.run.decisions)
+        return values, episodes
+
+    def _traces(self, rarest: Sequence[str], shown: Shown) -> tuple[str, int]:
+        """Traces of the best and the least capable tree, and the episodes that were run for them.
+
+        They are of the trees' first world in the generation. The best tree is explained, too.
+        """
+        classes = self.context.classes
+        best = ranked(self.view.individuals)[0]
+        worst = most_lacking(self.view.individuals, classes)
+        comments, episodes = explanation_of(best, self.context, self.view)
+        name = "The fittest tree"
+        texts = [f"{self._trace(name, best)}\n{shown(best.tree, name.lower(), comments)}"]
+        if worst.tree != best.tree:
+            behaviours = classes.behaviours_of(worst.counters)
+            lacking = ", ".join(name for name in rarest if name not in behaviours)
+            name = f"The tree with the fewest behaviours (without {lacking})"
+            texts.append(f"{self._trace(name, worst)}\n{shown(worst.tree, name.lower())}")
+        return "\n\n".join(texts), episodes + len(texts)
+
+    def _trace(self, name: str, i: IndividualRecord) -> str:
+        """A description of an individual's episode in the first world of its evaluation."""
+        domain, seed = world_of(i, self.context, self.view)
+        tree = parse(i.tree, self.context.schema.vocabulary)
+        outcome, lines = describe_episode(domain, tree, seed, self.view.multipliers)
+        return str(self._texts.trace(name, i, outcome, filter(None, (about(domain, seed), *lines))))
+
+    def of_edits(
+        self, now: GenerationView, count: int, *, traced: bool = True
+    ) -> tuple[dict[str, str], int]:
+        """The values of EDIT_VALUES.
+
+        Args:
+            now: with the trees to edit; usually the generation that is shown.
+            count: parents that are shown, at most.
+            traced: True: with a trace of each parent.
+        """
+        texts, vocabulary = self._texts, self.context.schema.vocabulary
+        parents = parents_of(now, self.context, count)
+        others = parents_of(now, self.context, count + NEIGHBOURS)[len(parents) :]
+        own = {i.tree for i in parents}
+        elites = {e.tree: e for e in now.archive if e.tree not in own}.values()
+        near = [f"Individual {i.id}:\n```\n{shortened(i.tree)}\n```" for i in others]
+        near = [texts.elite(e, shortened(e.tree)) for e in elites] or near
+        shown = [
+            texts.parent(
+                *(i.id, known, listing(parse(i.tree, vocabulary))),
+                self._trace("It", known) if traced else "",
             )
-
-
-def _injected(tree: InjectedTree, now: GenerationView, classes: Classes, shown: Shown) -> str:
-    tiers = ", ".join(map(classes.tier_title, tree.new.tiers))
-    start = (
-        f"Generation {tree.generation}, for {tree.target or 'nothing'}"
-        f"{', mutated at once' if tree.new.mutation else ''}: {in_points(tree.new.fitness)} points,"
-        f" rank {tree.rank} of {len(now.individuals)}{f', {tiers}' if tiers else ''}."
-    )
-    n = len(tree.alive)
-    if n:
-        same = any(i.tree == tree.new.tree for i in tree.alive)
-        alive = (
-            "1 individual of this generation descends"
-            if n == 1
-            else (f"{n} individuals of this generation descend")
-        )
-        end = (
-            f"{alive} from it, the best of rank {best_rank(tree.alive, now.individuals)}"
-            f"{'; it is one of them, unchanged' if same else ''}."
-        )
-    else:
-        end = f"No individual of this generation descends from it, the last one did in {tree.last}."
-    return f"{start} {end}\n{shown(tree.new.tree, f'the tree of generation {tree.generation}')}"
-
-
-def _decision(past: PastDecision, context: RunContext) -> str:
-    g, before, after = past.guidance, past.before, past.after
-    by = "" if g.source == "llm" else f" by {g.source}"
-    enforced = f", enforced by a crisis of {g.crisis}" * bool(g.crisis)
-    phase = f"{g.phase}, " if g.phase else ""
-    parts = [f"{phase}rate {g.applied_rate:.2f}{enforced}"] * context.by_rate
-    parts += [f"a tree for {g.target}"] * g.injected
-    milestones = "; ".join(
-        f"{context.classes.tier_title(tier)}s {before.tiers[tier]} -> {after.tiers[tier]}"
-        for tier in context.classes.milestones
-    )
-    new = "; a new stage" if before.stage != after.stage else ""
-    return (
-        f"- for generation {after.generation}{by}: {', '.join(parts) or 'nothing'}. Best"
-        f" {in_points(before.fitness_max)} -> {in_points(after.fitness_max)}, mean"
-        f" {in_points(before.fitness_mean)} -> {in_points(after.fitness_mean)};"
-        f" {milestones}; diversity {before.diversity:.2f} -> {after.diversity:.2f}{new}"
-    )
+            for i, known in zip(parents, parents_of(self.view, self.context, count), strict=False)
+        ]
+        values = {
+            "parents": "\n\n".join(shown),
+            "neighbours": "\n\n".join(near[:NEIGHBOURS]),
+            "past_edits": "\n".join(
+                texts.past_edit(p.generation, p.edit, p.change, p.trial) for p in self.run.edits
+            ),
+        }
+        return values, len(parents) * traced
 
 
 def most_lacking(individuals: Sequence[IndividualRecord], classes: Classes) -> IndividualRecord:
@@ -228,25 +253,6 @@ def most_lacking(individuals: Sequence[IndividualRecord], classes: Classes) -> I
     return min(
         ranked(individuals)[::-1], key=lambda i: (len(classes.behaviours_of(i.counters)), i.fitness)
     )
-
-
-def _traces(
-    context: RunContext, state: PopulationState, now: GenerationView, shown: Shown
-) -> tuple[list[str], int]:
-    """Traces of the best and the least capable tree, and the episodes that were run for them.
-
-    They are of the trees' first world in the generation. The best tree is explained, too.
-    """
-    best, worst = ranked(now.individuals)[0], most_lacking(now.individuals, context.classes)
-    comments, episodes = explanation_of(best, context, now)
-    name = "The fittest tree"
-    texts = [f"{trace_of(name, best, context, now)}\n{shown(best.tree, name.lower(), comments)}"]
-    if worst.tree != best.tree:
-        behaviours = context.classes.behaviours_of(worst.counters)
-        lacking = ", ".join(name for name in state.rarest_behaviours if name not in behaviours)
-        name = f"The tree with the fewest behaviours (without {lacking})"
-        texts.append(f"{trace_of(name, worst, context, now)}\n{shown(worst.tree, name.lower())}")
-    return texts, episodes + len(texts)
 
 
 def parents_of(view: GenerationView, context: RunContext, count: int) -> list[IndividualRecord]:
@@ -263,73 +269,6 @@ def parents_of(view: GenerationView, context: RunContext, count: int) -> list[In
     return list({i.tree: i for i in reversed(first)}.values())[::-1][:count]
 
 
-def edit_values(
-    context: RunContext,
-    run: RunHistory,
-    count: int,
-    *,
-    traced: bool = True,
-    evidence: GenerationView | None = None,
-) -> tuple[dict[str, str], int]:
-    """The values of EDIT_VALUES, and the episodes simulated for them.
-
-    Args:
-        context: of the run.
-        run: so far.
-        count: parents that are shown, at most.
-        traced: True: with a trace of each parent.
-        evidence: the generation whose points and traces are shown; None: that of the parents.
-    """
-    view = run.now
-    if view is None:
-        return dict.fromkeys(EDIT_VALUES, ""), 0
-    parents = parents_of(view, context, count)
-    others = parents_of(view, context, count + NEIGHBOURS)[len(parents) :]
-    texts = {i.tree for i in parents}
-    elites = {e.tree: _elite(e) for e in view.archive if e.tree not in texts}
-    near = [f"Individual {i.id}:\n```\n{shortened(i.tree)}\n```" for i in others]
-    shown = evidence or view
-    known = parents_of(shown, context, count)
-    values = {
-        "parents": "\n\n".join(
-            _parent(i, each, context, shown, traced=traced)
-            for i, each in zip(parents, known, strict=False)
-        ),
-        "neighbours": "\n\n".join(([*elites.values()] or near)[:NEIGHBOURS]),
-        "past_edits": "\n".join(map(_past, run.edits)),
-    }
-    return values, len(parents) * traced
-
-
-def _elite(e: Elite) -> str:
-    points = f"{in_points(e.mean)} points on the mean of its episodes so far"
-    return f"Individual {e.id}, of the archive: {points}.\n```\n{shortened(e.tree)}\n```"
-
-
-def _head(name: str, i: IndividualRecord, context: RunContext) -> str:
-    """The points and counts of an individual."""
-    counted = context.schema.counters
-    tiers = "".join(f", {context.classes.tier_title(tier)}" for tier in i.tiers)
-    counts = ", ".join(
-        f"{in_points(value)} {counted[name].meaning}" for name, value in i.counters.items() if value
-    )
-    return f"Individual {name}: {in_points(i.fitness)} points{tiers} ({counts or 'none'})."
-
-
-def _parent(
-    i: IndividualRecord,
-    known: IndividualRecord,
-    context: RunContext,
-    view: GenerationView,
-    *,
-    traced: bool,
-) -> str:
-    """The tree of `i`, with the points and the trace of `known`, which is usually the same."""
-    tree = parse(i.tree, context.schema.vocabulary)
-    trace = [trace_of("It", known, context, view)] if traced else []
-    return "\n".join((_head(i.id, known, context), *listing(tree), *trace))
-
-
 def paths_of(tree: str, context: RunContext) -> list[str]:
     """The places of a tree that are listed."""
     nodes = nodes_with_paths(parse(tree, context.schema.vocabulary))
@@ -337,28 +276,8 @@ def paths_of(tree: str, context: RunContext) -> list[str]:
 
 
 def listing(tree: Node) -> list[str]:
-    """One line per node of a tree, with its path, e.g. `0/2 action Charge`."""
-    lines = []
-    for path, node in list(nodes_with_paths(tree))[:LINES]:
-        text = to_text(node._replace(children=())) if not node.children else _opening(node)
-        lines.append(f'  at "{path_text(path)}": {text.strip()}')
-    return lines
-
-
-def _opening(node: Node) -> str:
-    """A node's first line, without its children."""
-    return to_text(node).split("{", 1)[0].strip()
-
-
-def _past(past: PastEdit) -> str:
-    e, trial = past.edit, past.trial
-    change = e.branch or (f"donor {e.donor} at {e.donor_at!r}" if e.donor else f"{e.number}")
-    change = " ".join(change.split())
-    text = f'- generation {past.generation}, {e.kind} at "{e.at}" of {e.of}: {change}'
-    if e.refused:
-        return f"{text[:MAX_EXPLANATION]}; refused: {e.refused}"
-    if trial is None:
-        return f"{text[:MAX_EXPLANATION]}; not evaluated"
-    before, after = trial.parent_fitness, trial.fitness
-    gain = in_points(after - before, "+")
-    return f"{text[:MAX_EXPLANATION]}; {in_points(before)} -> {in_points(after)} points ({gain})"
+    """One line per node of a tree without its children, with its path: `0/2 action Charge`."""
+    return [
+        f'  at "{path_text(path)}": {to_text(node).split("{", 1)[0].strip()}'
+        for path, node in list(nodes_with_paths(tree))[:LINES]
+    ]

@@ -32,10 +32,9 @@ from islandgp.supervision.llm.history import (
     EDIT_VALUES,
     RUN_VALUES,
     RunHistory,
-    edit_values,
+    Sections,
     parents_of,
     paths_of,
-    run_values,
 )
 from islandgp.supervision.llm.message import Request
 from islandgp.supervision.llm.prompts import (
@@ -226,13 +225,14 @@ class Questions:
         if part not in of_parts:
             names = self.variables[PROMPTS[part]] if self.informed else set()
             names = names if self.traced else names - {"traces"}
-            values, episodes = run_values(self.context, state, self.history, names)
-            if part == "edits":
-                parents, traced = self.settings.parents, self.traced
-                more, played = edit_values(
-                    self.context, self.history, parents, traced=traced, evidence=self.evidence
-                )
-                values, episodes = values | more, episodes + played
+            values, episodes = dict.fromkeys((*RUN_VALUES, *EDIT_VALUES), ""), 0
+            if (now := self.history.now) is not None:
+                sections = Sections(self.context, self.history, self.evidence or now)
+                values, episodes = sections.of_run(state.rarest_behaviours, names)
+                if part == "edits":
+                    parents, traced = self.settings.parents, self.traced
+                    more, played = sections.of_edits(now, parents, traced=traced)
+                    values, episodes = values | more, episodes + played
             of_parts[part] = values, episodes
         return of_parts[part]
 
