@@ -47,19 +47,24 @@ class Pattern(StrEnum):
     STAGNATION = "stagnation"
 
 
-def check_ranges(key: str, ranges: Mapping[Phase, tuple[float, float]]) -> None:
-    """Raises ValueError unless each phase has a valid range of mutation rates.
-
-    `key` is the configuration key of the ranges, for the message.
-    """
-    if missing := [phase.value for phase in Phase if phase not in ranges]:
-        raise ValueError(f"{key}: expected a range for each phase, missing {', '.join(missing)}")
-    for phase, (low, high) in ranges.items():
-        if not 0 <= low <= high <= 1:
-            raise ValueError(f"{key}.{phase}: expected 0 <= low <= high <= 1")
-
-
 Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False), AfterValidator(float)]
+
+
+def _in_order(rates: tuple[float, float]) -> tuple[float, float]:
+    if rates[0] > rates[1]:
+        raise ValueError("expected the lowest rate before the highest")
+    return rates
+
+
+def _complete(ranges: dict[Phase, tuple[float, float]]) -> dict[Phase, tuple[float, float]]:
+    if missing := [phase.value for phase in Phase if phase not in ranges]:
+        raise ValueError(f"expected a range for each phase, missing {', '.join(missing)}")
+    return ranges
+
+
+Rates = Annotated[tuple[Share, Share], AfterValidator(_in_order)]
+"""The lowest and the highest mutation rate, in [0, 1]."""
+PhaseRates = Annotated[dict[Phase, Rates], AfterValidator(_complete)]
 
 
 @dataclass(frozen=True, slots=True)

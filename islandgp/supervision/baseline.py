@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import ClassVar
 
 import numpy as np
-from pydantic import BaseModel, Field, model_validator
+from pydantic import BaseModel, Field
 
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Guidance, RunContext
+from islandgp.supervision.base import Guidance, Rates, RunContext
 
 
 class BaselineSettings(BaseModel, frozen=True, extra="forbid"):
@@ -17,15 +17,8 @@ class BaselineSettings(BaseModel, frozen=True, extra="forbid"):
     patience: int = Field(ge=1)  # generations without improvement before the rate rises
     up: float = Field(ge=1)  # factor on the rate on stagnation
     down: float = Field(gt=0, le=1)  # factor on the rate on improvement
-    rates: tuple[float, float]  # lowest and highest, in [0, 1]
+    rates: Rates
     reads: ClassVar = {"rate": ("supervisor.policy", "gp.state")}
-
-    @model_validator(mode="after")
-    def _rates_are_rates(self) -> BaselineSettings:
-        least, most = self.rates
-        if not 0 <= least <= most <= 1:
-            raise ValueError(f"rates: expected 0 <= least <= most <= 1, found [{least}, {most}]")
-        return self
 
 
 class Baseline:

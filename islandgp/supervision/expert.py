@@ -11,13 +11,13 @@ from collections.abc import Iterable, Sequence
 from typing import Any, Self
 
 import numpy as np
-from pydantic import BaseModel, Field, model_validator
+from pydantic import BaseModel, Field
 
 from islandgp.bt.core.node import Limits, Node, within
 from islandgp.errors import ConfigError
 from islandgp.scoring.classes import EXPLORATION, INTEGRATION, RARE
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Guidance, Pattern, Phase, RunContext, check_ranges
+from islandgp.supervision.base import Guidance, Pattern, Phase, PhaseRates, RunContext
 from islandgp.supervision.library import Library
 from islandgp.text import title
 
@@ -36,7 +36,7 @@ class Size(BaseModel, frozen=True, extra="forbid"):
 class ExpertSettings(BaseModel, frozen=True, extra="forbid"):
     """The ranges of Table 8 and the thresholds of the conditions in Tables 6 to 8."""
 
-    rates: dict[Phase, tuple[float, float]]  # Table 8: lowest and highest rate by phase
+    rates: PhaseRates  # Table 8: lowest and highest rate by phase
     multiple: int = Field(ge=1)  # quality individuals that Table 8 calls "multiple"
     plateau: int = Field(ge=1)  # generations without improvement that are "stagnating"
     strong: float = Field(gt=0)  # relative rise of the best over the window that is "strong"
@@ -48,11 +48,6 @@ class ExpertSettings(BaseModel, frozen=True, extra="forbid"):
     """Behaviours, the hardest to find first, to break ties. None: `classes.hardest`. Names that
     the experiment does not have are skipped; behaviours that are not listed follow in reverse
     order."""
-
-    @model_validator(mode="after")
-    def _check_rates(self) -> ExpertSettings:
-        check_ranges("rates", self.rates)
-        return self
 
     @property
     def reads(self) -> dict[str, tuple[str, ...]]:

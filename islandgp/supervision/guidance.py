@@ -1,6 +1,6 @@
 """Asks supervisors, checks and records their guidance, and makes the search's advice from it.
 
-`SupervisorQueue` calls a supervisor directly, or in a thread while episodes run. The asynchronous
+`SupervisorQueue` calls a supervisor directly, or in threads while episodes run. The asynchronous
 queue is named as future work in the paper (section 3.9). The lag is a number of generations: the
 guidance for the state of generation g takes effect after generation g + lag, so records do not
 depend on how long a supervisor takes.
@@ -9,11 +9,9 @@ depend on how long a supervisor takes.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import Future
+from concurrent.futures import Future, wait
 from dataclasses import replace
 from functools import lru_cache
-from queue import SimpleQueue
-from threading import Thread
 from typing import Annotated, Final
 
 import numpy as np
@@ -40,6 +38,7 @@ from islandgp.supervision.base import (
     Supervisor,
     SupervisorLifecycle,
 )
+from islandgp.threads import in_thread
 
 MAX_EDITS: Final = 100  # edits of a guidance that are checked; further ones are left out
 RECORDED: Final = (
@@ -81,7 +80,7 @@ def ask(
     try:
         guidance = GUIDANCE.validate_python(answer)
     except ValidationError as error:
-        raise _wrong(f"{path}.advise", "a Guidance", _first_wrong(error)) from None
+        raise _wrong(f"{path}.advise", "a Guidance", error) from None
     target, tree = guidance.target, guidance.tree
     if target is not None and target not in state.targets:
         expected = f"a Guidance whose target is None or one of {', '.join(state.targets)}"
@@ -100,24 +99,19 @@ def _parsed(text: str, vocabulary: Vocabulary) -> Node:
     return parse(text, vocabulary)
 
 
-def _first_wrong(error: ValidationError) -> str:
-    """The first wrong value of a supervisor's result, with its field and the reason."""
-    first = error.errors(include_url=False)[0]
-    field, text = ".".join(map(str, first["loc"])), repr(first["input"])
-    quoted = text if len(text) <= 60 else text[:60] + "..."
-    reason = first["msg"].removeprefix("Value error, ")
-    return f"{field}={quoted}: {reason[:1].lower()}{reason[1:]}" if field else quoted
-
-
-def _wrong(method: str, expected: str, value: str) -> SupervisionError:
-    return SupervisionError(f"Expected {method} to return {expected}, found {value}; correct it.")
-
-
-Question = tuple[PopulationState, GenerationView | None, Future[Guidance]]
+def _wrong(method: str, expected: str, found: str | ValidationError) -> SupervisionError:
+    """The error for a supervisor's result; of several wrong values it names the first."""
+    if isinstance(found, ValidationError):
+        first = found.errors(include_url=False)[0]
+        field, text = ".".join(map(str, first["loc"])), repr(first["input"])
+        quoted = text if len(text) <= 60 else text[:60] + "..."
+        reason = first["msg"].removeprefix("Value error, ")
+        found = f"{field}={quoted}: {reason[:1].lower()}{reason[1:]}" if field else quoted
+    return SupervisionError(f"Expected {method} to return {expected}, found {found}; correct it.")
 
 
 class SupervisorQueue:
-    """Calls `advise` in a thread; its guidance takes effect `lag` generations later.
+    """Calls `advise` in threads; its guidance takes effect `lag` generations later.
 
     States are processed in order. With lag 0 `advise` is called directly, without a thread.
     """
@@ -125,7 +119,7 @@ class SupervisorQueue:
     def __init__(
         self, supervisor: Supervisor, *, seed: int, lag: int, vocabulary: Vocabulary | None = None
     ) -> None:
-        """Starts the thread.
+        """Asks nothing yet.
 
         Args:
             supervisor: the supervisor.
@@ -133,32 +127,40 @@ class SupervisorQueue:
             lag: generations, >= 0.
             vocabulary: of the domain, as for `ask`.
         """
-        self.supervisor = supervisor
+        self.supervisor, self.vocabulary, self.seed, self.lag = supervisor, vocabulary, seed, lag
         self._listener = supervisor if isinstance(supervisor, GenerationListener) else None
         self._lifecycle = supervisor if isinstance(supervisor, SupervisorLifecycle) else None
-        self.vocabulary = vocabulary
-        self.seed = seed
-        self.lag = lag
+        self._path = path_of(type(supervisor))
         self._answers: dict[int, Future[Guidance]] = {}  # by generation
-        self._waiting: SimpleQueue[Question | None] = SimpleQueue()
-        if lag:
-            # A daemon thread, so that an unfinished `advise` does not keep the process alive.
-            Thread(target=self._work, name="supervisor", daemon=True).start()
+        self._last: Future[Guidance] | None = None
+        self._closed = False
 
     def recall(self, view: GenerationView) -> None:
         """Passes a recorded generation to the supervisor; before the first `ask`."""
         if self._listener is not None:
-            with plugin_errors(path_of(type(self.supervisor))):
+            with plugin_errors(self._path):
                 self._listener.on_generation(view)
 
     def ask(self, state: PopulationState, view: GenerationView | None = None) -> None:
         """Requests guidance for a generation's state; `view` is the generation as recorded."""
-        answer: Future[Guidance] = Future()
-        self._answers[state.now.generation] = answer
+        previous = self._last
+
+        def advise() -> Guidance:
+            if previous is not None:
+                wait([previous])
+            if self._closed:
+                raise SupervisionError("The run has ended; this guidance is not needed.")
+            if view is not None:
+                self.recall(view)
+            rng = stream(self.seed, Stream.SUPERVISION, generation=state.now.generation)
+            return ask(self.supervisor, state, rng, self.vocabulary)
+
         if self.lag:
-            self._waiting.put((state, view, answer))
+            answer = in_thread(advise)
         else:
-            answer.set_result(self._advise(state, view))
+            answer = Future()
+            answer.set_result(advise())
+        self._answers[state.now.generation] = self._last = answer
 
     def answer(self, generation: int) -> Guidance | None:
         """Waits for the guidance that takes effect after a generation; None in the first `lag`."""
@@ -173,40 +175,20 @@ class SupervisorQueue:
         """
         if self._lifecycle is None:
             return {}
-        path = path_of(type(self.supervisor))
-        with plugin_errors(path):
+        with plugin_errors(self._path):
             costs = self._lifecycle.spent()
         try:
             COSTS.validate_python(costs)
         except ValidationError as error:
-            wrong = _first_wrong(error)
-            raise _wrong(f"{path}.spent", "finite numbers by name", wrong) from None
+            raise _wrong(f"{self._path}.spent", "finite numbers by name", error) from None
         return costs
 
     def close(self) -> None:
         """Cancels pending requests and closes the supervisor."""
-        for answer in self._answers.values():
-            answer.cancel()
-        self._waiting.put(None)
+        self._closed = True
         if self._lifecycle is not None:
-            with plugin_errors(path_of(type(self.supervisor))):
+            with plugin_errors(self._path):
                 self._lifecycle.close()
-
-    def _advise(self, state: PopulationState, view: GenerationView | None) -> Guidance:
-        if view is not None:
-            self.recall(view)
-        rng = stream(self.seed, Stream.SUPERVISION, generation=state.now.generation)
-        return ask(self.supervisor, state, rng, self.vocabulary)
-
-    def _work(self) -> None:
-        while (question := self._waiting.get()) is not None:
-            state, view, answer = question
-            if not answer.set_running_or_notify_cancel():
-                continue
-            try:
-                answer.set_result(self._advise(state, view))
-            except BaseException as error:  # raised again by `answer`
-                answer.set_exception(error)
 
 
 def nameable(

@@ -237,7 +237,7 @@ def test_closing_leaves_no_thread() -> None:
     with MessagesServer(lambda _: Fault.DRIP) as server, client_of(server.url) as client:
         client.send(ASK, seconds=0.1)
     for thread in threading.enumerate():
-        if thread.name == "llm":
+        if thread.name == "supervisor":
             thread.join(2)
             assert not thread.is_alive()
 

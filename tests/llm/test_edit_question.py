@@ -39,7 +39,7 @@ FRONT = {"kind": "front", "of": "3.0", "at": "0", "branch": CHARGE, "reason": "i
 
 def check(reply: Reply) -> Accepted | Rejection:
     """The check of an answer with edits of LIVING."""
-    return check_edits(reply, LIVING, KNOWN, VOCABULARY, Limits(8, 50))
+    return check_edits(reply, Limits(8, 50), VOCABULARY, LIVING, KNOWN)
 
 
 def checked(*edits: object, **other: Any) -> Accepted | Rejection:

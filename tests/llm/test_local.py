@@ -13,8 +13,8 @@ import pytest
 
 from islandgp.errors import SupervisionError
 from islandgp.running.app import main
-from islandgp.supervision.llm import local
-from islandgp.supervision.llm.local import LocalClient
+from islandgp.supervision.llm import client as local
+from islandgp.supervision.llm.client import LocalClient
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request
 from islandgp.supervision.llm.transcript import Transcript
 

@@ -15,7 +15,7 @@ from islandgp.errors import ConfigError, SupervisionError
 from islandgp.seeding import Stream, stream
 from islandgp.supervision.base import Guidance, Pattern, Phase
 from islandgp.supervision.llm.message import HOPELESS, Failure, FailureKind, Reply, Request, Usage
-from islandgp.supervision.llm.supervisor import LLM, Adviser, _key
+from islandgp.supervision.llm.supervisor import LLM, Adviser
 from islandgp.supervision.llm.transcript import Transcript
 from islandgp.supervision.replay import Replay
 from tests.llm.samples import (
@@ -501,7 +501,7 @@ def test_a_key_or_an_address_is_enough(
         monkeypatch.setenv(name, value)
     llm_settings = settings(*overrides)
     LLM.check(llm_settings, context())
-    assert (_key(llm_settings), llm_settings.address) == (key, address)
+    assert (llm_settings.key, llm_settings.address) == (key, address)
 
 
 @pytest.mark.parametrize(
@@ -517,7 +517,7 @@ def test_an_empty_variable_is_none(name: str, monkeypatch: pytest.MonkeyPatch) -
 def test_a_key_of_more_than_a_line(monkeypatch: pytest.MonkeyPatch) -> None:
     """The line end of a file is not part of it; errors do not quote the key."""
     monkeypatch.setenv("ANTHROPIC_API_KEY", " sk-0123456789\r\n")
-    assert _key(settings()) == "sk-0123456789"
+    assert settings().key == "sk-0123456789"
     monkeypatch.setenv("ANTHROPIC_API_KEY", "sk-0123456789\nsk-9876543210")
     with pytest.raises(SupervisionError, match="a key in one line") as excinfo:
         LLM.make(settings(), context())

@@ -24,7 +24,6 @@ from islandgp.supervision.llm.answers import (
     RejectionStage,
     check_decision,
     check_proposal,
-    find_object,
     proposal_model,
     schema,
 )
@@ -120,26 +119,22 @@ def test_a_refusal(reply: Reply) -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "change"),
+    "text",
     [
-        (json.dumps(GOOD)[:-1] + ",}", "repaired quotes or commas"),
-        (repr(GOOD), "repaired quotes or commas"),
-        (repr(GOOD).replace("False", "false"), "repaired quotes or commas"),
-        (f"Sure: {GOOD!r}\nThat is all.", "repaired quotes or commas"),
-        (json.dumps({**GOOD, "mutation_rate": "0.42"}), "repaired mutation_rate"),
-        (json.dumps({**GOOD, "intervention": "False"}), "repaired intervention"),
-        (json.dumps({**GOOD, "phase": "Early Exploration"}), "repaired phase"),
-        (
-            json.dumps({**GOOD, "phase": "EARLY-EXPLORATION", "pattern": "Exploration_Phase"}),
-            "repaired phase, pattern",
-        ),
+        json.dumps(GOOD)[:-1] + ",}",
+        repr(GOOD),
+        repr(GOOD).replace("False", "false"),
+        f"Sure: {GOOD!r}\nThat is all.",
+        json.dumps({**GOOD, "mutation_rate": "0.42"}),
+        json.dumps({**GOOD, "intervention": "False"}),
+        json.dumps({**GOOD, "phase": "Early Exploration"}),
+        json.dumps({**GOOD, "phase": "EARLY-EXPLORATION", "pattern": "Exploration_Phase"}),
     ],
 )
-def test_small_slips_are_repaired(text: str, change: str) -> None:
-    """As weak models make them; the record names the repair."""
+def test_small_slips_are_repaired(text: str) -> None:
+    """As weak models make them."""
     accepted = decide(reply_of(text))
     assert isinstance(accepted, Accepted), accepted
-    assert accepted.change == change
     whole = decide(reply_of(GOOD))
     assert isinstance(whole, Accepted)
     assert accepted.guidance == whole.guidance
@@ -151,7 +146,6 @@ def test_slips_around_a_tree_are_repaired() -> None:
     accepted = propose(reply_of(text))
     assert isinstance(accepted, Accepted), accepted
     assert accepted.guidance.target == "rare"
-    assert accepted.change == "repaired target, quotes or commas"
 
 
 def test_the_repair_turn_shows_where_the_json_is_wrong() -> None:
@@ -304,12 +298,6 @@ def test_explanations_are_kept_short() -> None:
     accepted = decide(reply_of({**GOOD, "reasoning": "x" * 50_000}))
     assert isinstance(accepted, Accepted)
     assert len(accepted.guidance.reasoning) == MAX_EXPLANATION
-
-
-def test_the_first_object_with_a_known_field_wins() -> None:
-    """An object of other fields is the answer only where there is no better one."""
-    assert find_object('{"x": 1} {"tree": 2}', GOOD_TREE) == {"tree": 2}
-    assert find_object('{"x": 1} {"y": 2}', GOOD_TREE) == {"y": 2}
 
 
 @pytest.mark.parametrize(("model", "good"), [(DecisionAnswer, GOOD), (PROPOSAL, GOOD_TREE)])

@@ -62,5 +62,5 @@ def test_never_injects() -> None:
 @pytest.mark.parametrize("rates", [(0.5, 0.1), (-0.1, 0.5), (0.1, 1.5)])
 def test_ranges_that_cannot_be(rates: tuple[float, float]) -> None:
     """A range of rates is a range of rates."""
-    with pytest.raises(ValidationError, match="expected 0 <= least <= most <= 1"):
+    with pytest.raises(ValidationError, match="rates"):
         BaselineSettings(patience=2, up=1.15, down=0.9, rates=rates)

@@ -9,14 +9,14 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydantic import ValidationError
+from pydantic import TypeAdapter, ValidationError
 
 from islandgp.bt.core.node import Node, depth, size, walk, within
 from islandgp.errors import ConfigError
 from islandgp.running.parts import run_context
 from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Pattern, Phase, RunContext, check_ranges
+from islandgp.supervision.base import Pattern, Phase, PhaseRates, RunContext
 from islandgp.supervision.expert import (
     Expert,
     ExpertSettings,
@@ -364,8 +364,10 @@ def test_policies_that_cannot_be(key: str, value: object, message: str) -> None:
 def test_ranges_of_rates_are_checked() -> None:
     """For the expert's and for those in the prompts of a language model."""
     ranges = {**dict.fromkeys(Phase, (0.1, 0.2)), Phase.REFINEMENT: (0.3, 0.2)}
-    with pytest.raises(ValueError, match=r"phases\.refinement: expected 0 <= low <= high <= 1"):
-        check_ranges("phases", ranges)
+    check = TypeAdapter(PhaseRates).validate_python
+    with pytest.raises(ValueError, match="expected the lowest rate before the highest"):
+        check(ranges)
     del ranges[Phase.EXPLOITATION]
-    with pytest.raises(ValueError, match="phases: expected a range for each phase, missing expl"):
-        check_ranges("phases", ranges)
+    ranges[Phase.REFINEMENT] = (0.2, 0.3)
+    with pytest.raises(ValueError, match="expected a range for each phase, missing expl"):
+        check(ranges)

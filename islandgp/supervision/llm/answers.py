@@ -13,7 +13,6 @@ import re
 from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from functools import partial
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeVar
 
 from pydantic import (
@@ -27,7 +26,6 @@ from pydantic import (
     ValidationError,
     WithJsonSchema,
     create_model,
-    model_validator,
 )
 
 from islandgp.bt.analysis.lint import warnings
@@ -46,24 +44,31 @@ MAX_EDITS: Final = 20  # most edits of an answer; further ones are ignored
 _CANDIDATES: Final = 2000  # most places of a text at which a JSON object is searched
 _THINKING: Final = re.compile(r"<(think(?:ing)?)>.*?(?:</\1>|\Z)", re.DOTALL | re.IGNORECASE)
 _THOUGHT: Final = re.compile(r"</think(?:ing)?>", re.IGNORECASE)
+_LITERALS: Final = {"true": "True", "false": "False", "null": "None"}
 _LITERAL: Final = re.compile(r"(?<=[:,\[])\s*(true|false|null)(?=\s*[,}\]])")
 _FENCED: Final = re.compile(r"^\s*```\w*\n(.*?)\n?\s*```\s*$", re.DOTALL)
 
-Short = Annotated[str, AfterValidator(lambda text: text[:MAX_EXPLANATION])]
-TreeText = Annotated[str, AfterValidator(lambda text: _FENCED.sub(r"\1", text))]
-"""The text of a tree, without a Markdown fence around it."""
 
-
-def _label(labels: Mapping[str, str], value: Any) -> Any:
-    """The label with the letters of a value, in any case and with blanks for underscores."""
-    key = re.sub(r"[\s-]+", "_", value.strip().lower()) if isinstance(value, str) else None
-    return labels.get(key or "", value)
+def _storable(value: Any) -> Any:
+    """A text without characters that cannot be stored, which JSON can spell by escapes."""
+    return clean(value) if isinstance(value, str) else value
 
 
 def _labels(names: Iterable[str]) -> BeforeValidator:
-    return BeforeValidator(partial(_label, {name.lower(): name for name in names}))
+    """Accepts a label in any case, and with blanks for underscores."""
+    labels = {name.lower(): name for name in names}
+
+    def label(value: Any) -> Any:
+        key = re.sub(r"[\s-]+", "_", value.strip().lower()) if isinstance(value, str) else ""
+        return labels.get(key, value)
+
+    return BeforeValidator(label)
 
 
+Text = Annotated[str, BeforeValidator(_storable)]
+Short = Annotated[Text, AfterValidator(lambda text: text[:MAX_EXPLANATION])]
+TreeText = Annotated[Text, AfterValidator(lambda text: _FENCED.sub(r"\1", text))]
+"""The text of a tree, without a Markdown fence around it."""
 Number = Annotated[FiniteFloat, Strict(False)]
 if TYPE_CHECKING:
     EditKind = str
@@ -73,12 +78,6 @@ else:
 
 class ModelAnswer(BaseModel, frozen=True, strict=True):
     """Base of the models of answers: exact types; further fields are ignored."""
-
-    @model_validator(mode="before")
-    @classmethod
-    def _clean(cls, values: Any) -> Any:
-        # JSON escapes can encode characters that were removed from the answer's text.
-        return {k: clean(v) if isinstance(v, str) else v for k, v in values.items()}
 
 
 class DecisionAnswer(ModelAnswer, frozen=True):
@@ -205,111 +204,73 @@ class Accepted:
     change: str = ""  # change made to the answer, or ""
 
 
-def read_answer(reply: Reply, model: type[A]) -> tuple[A, str] | Rejection:
+def read_answer(reply: Reply, model: type[A]) -> A | Rejection:
     """Reads the JSON object of an answer as an instance of a pydantic model, or rejects it.
 
-    The second value is the repair of slips in words, or "".
+    Of several objects it is the last with all of the fields, or else with any of them, or else the
+    last: drafts come before the answer. Text around it or inside `<think>` is ignored. Without any,
+    an object with single quotes or a comma at its end is read.
     """
     if reply.stop_reason == "refusal":
         return Rejection(RejectionStage.REFUSED, "the model refused to answer")
+    text = reply.text if len(reply.text) <= MAX_ANSWER else ""
+    text = _THOUGHT.split(_THINKING.sub(" ", text))[-1]  # some servers omit the opening tag
+    objects, rest, fault = _objects(text)
     cut_off = reply.stop_reason == "max_tokens"
-    fields = find_object(reply.text, model.model_fields)
-    # If a further object was begun when the tokens ran out, those before it are drafts.
-    if fields is None or (cut_off and "{" in _objects(reply.text)[1]):
-        if reply.text.strip():
-            fault = (_json_fault(reply.text), "an answer that was cut off; make it much shorter")
-        else:
+    if cut_off and "{" in rest:  # a further object was begun: those before it are drafts
+        objects = []
+    elif not any(field in each for each in objects for field in model.model_fields):
+        objects += _loose_object(text)
+    if not objects:
+        if cut_off:
+            fault = "an answer that was cut off; make it much shorter"
+        if not reply.text.strip():
             no_word = "an answer that was cut off before its first word; think much less"
-            fault = ("an empty answer", no_word)
-        return Rejection(RejectionStage.JSON, f"Expected one JSON object, found {fault[cut_off]}.")
-    try:
-        answer = model.model_validate(fields)
-    except ValidationError as error:
-        return Rejection(RejectionStage.FIELDS, "\n".join(faults(error).values()))
-    given = [(name, value) for name, value in answer if not isinstance(value, list)]
-    slips = [name for name, value in given if _is_slip(fields.get(name), value)]
-    slips += [] if fields in _objects(reply.text)[0] else ["quotes or commas"]
-    return answer, f"repaired {', '.join(slips)}" if slips else ""
-
-
-def _is_slip(found: Any, value: Any) -> bool:
-    """True if a field was read as a value of another type, spelling or case."""
-    if isinstance(value, str):
-        return not str(found).startswith(value)
-    return isinstance(found, str) or (isinstance(value, bool) and not isinstance(found, bool))
-
-
-def _json_fault(text: str) -> str:
-    """Why a text has no JSON object, with the place of the first error."""
-    text = _answer_part(text)
-    if (start := text.find("{")) < 0:
-        return "none"
-    try:
-        json.JSONDecoder(strict=False).raw_decode(text, start)
-    except json.JSONDecodeError as error:
-        near = text[max(0, error.pos - 20) : error.pos + 20]
-        return f"one that cannot be read: {error.msg.lower()} near {near!r}"
-    except RecursionError:
-        return "one that is nested too deep"
-    return "none that can be read"
-
-
-def find_object(text: str, fields: Collection[str]) -> dict[str, Any] | None:
-    """The JSON object of an answer's text; None if there is none or the text is too long.
-
-    Of several it is the last with all of the fields, or else with any of them, or else the last:
-    drafts come before the answer. Text around it or inside `<think>` is ignored. Without any, an
-    object with single quotes or a comma at its end is read.
-    """
+            fault = no_word if cut_off else "an empty answer"
+        return Rejection(RejectionStage.JSON, f"Expected one JSON object, found {fault}.")
 
     def rank(place: int) -> tuple[bool, bool, int]:
-        present = [field in objects[place] for field in fields]
+        present = [field in objects[place] for field in model.model_fields]
         return all(present), any(present), place
 
-    if len(text) > MAX_ANSWER:
-        return None
-    objects = _objects(text)[0]
-    if not any(field in each for each in objects for field in fields):
-        objects += _loose_object(_answer_part(text))
-    return objects[max(range(len(objects)), key=rank)] if objects else None
-
-
-def _answer_part(text: str) -> str:
-    """The text without the model's thinking."""
-    return _THOUGHT.split(_THINKING.sub(" ", text))[-1]  # some servers omit the opening tag
-
-
-def _loose_object(text: str) -> list[dict[str, Any]]:
-    """The object from the first to the last brace, with the quotes and commas of Python."""
-    body = " ".join(text[text.find("{") : text.rfind("}") + 1].splitlines())
     try:
-        value = ast.literal_eval(_LITERAL.sub(lambda m: _NAMES[m[1]], body))
-    except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
-        return []
-    is_object = isinstance(value, dict) and all(isinstance(key, str) for key in value)
-    return [value] if is_object else []
+        return model.model_validate(objects[max(range(len(objects)), key=rank)])
+    except ValidationError as error:
+        return Rejection(RejectionStage.FIELDS, "\n".join(faults(error).values()))
 
 
-_NAMES: Final = {"true": "True", "false": "False", "null": "None"}
-
-
-def _objects(text: str) -> tuple[list[dict[str, Any]], str]:
-    """The outermost JSON objects of an answer, and the text after the last one."""
-    text = _answer_part(text)
+def _objects(text: str) -> tuple[list[dict[str, Any]], str, str]:
+    """The outermost JSON objects of a text, the text after the last one, and the first fault."""
     decoder = json.JSONDecoder(strict=False)  # accepts line breaks inside strings
     objects: list[dict[str, Any]] = []
+    faults: list[str] = []
     end, at = 0, text.find("{")
     for _ in range(_CANDIDATES):
         if at < 0:
             break
         try:
             value, end = decoder.raw_decode(text, at)
-        except (ValueError, RecursionError):
-            at = text.find("{", at + 1)
-        else:
             objects.append(value)
             at = text.find("{", end)
-    return objects, text[end:]
+            continue
+        except json.JSONDecodeError as error:
+            near = text[max(0, error.pos - 20) : error.pos + 20]
+            faults.append(f"one that cannot be read: {error.msg.lower()} near {near!r}")
+        except (ValueError, RecursionError):
+            faults.append("one that is nested too deep, or has a number that is too long")
+        at = text.find("{", at + 1)
+    return objects, text[end:], (faults or ["none"])[0]
+
+
+def _loose_object(text: str) -> list[dict[str, Any]]:
+    """The object from the first to the last brace, with the quotes and commas of Python."""
+    body = " ".join(text[text.find("{") : text.rfind("}") + 1].splitlines())
+    try:
+        value = ast.literal_eval(_LITERAL.sub(lambda match: _LITERALS[match[1]], body))
+    except (ValueError, SyntaxError, TypeError, MemoryError, RecursionError):
+        return []
+    is_object = isinstance(value, dict) and all(isinstance(key, str) for key in value)
+    return [value] if is_object else []
 
 
 def check_decision(reply: Reply, rates: tuple[float, float]) -> Accepted | Rejection:
@@ -317,12 +278,11 @@ def check_decision(reply: Reply, rates: tuple[float, float]) -> Accepted | Rejec
     read = read_answer(reply, DecisionAnswer)
     if isinstance(read, Rejection):
         return read
-    answer, change = read
-    if not rates[0] <= answer.mutation_rate <= rates[1]:
+    if not rates[0] <= read.mutation_rate <= rates[1]:
         expected = f"a number from {rates[0]} to {rates[1]}"
-        error = f"mutation_rate: expected {expected}, found {answer.mutation_rate}"
+        error = f"mutation_rate: expected {expected}, found {read.mutation_rate}"
         return Rejection(RejectionStage.RANGE, error)
-    return Accepted(Guidance(tree=None, source="llm", **dict(answer)), change)
+    return Accepted(Guidance(tree=None, source="llm", **dict(read)))
 
 
 def check_proposal(
@@ -332,7 +292,7 @@ def check_proposal(
     read = read_answer(reply, proposal_model(targets))
     if isinstance(read, Rejection):
         return read
-    values, change = dict(read[0]), read[1]
+    values = dict(read)
     try:
         values["tree"] = parse(values["tree"], vocabulary, name="tree")
         check_limits(values["tree"], limits)
@@ -342,15 +302,15 @@ def check_proposal(
         return Rejection(RejectionStage.LIMITS, str(error))
     except TreeError as error:
         return Rejection(RejectionStage.GRAMMAR, str(error))
-    return Accepted(Guidance(mutation_rate=None, source="llm", **values), change)
+    return Accepted(Guidance(mutation_rate=None, source="llm", **values))
 
 
 def check_edits(
     reply: Reply,
+    limits: Limits,
+    vocabulary: Vocabulary,
     living: Mapping[str, str],
     existing: frozenset[str],
-    vocabulary: Vocabulary,
-    limits: Limits,
 ) -> Accepted | Rejection:
     """Checks edits, of which at least one must make a new tree.
 
@@ -360,7 +320,7 @@ def check_edits(
     read = read_answer(reply, EditsAnswer)
     if isinstance(read, Rejection):
         return read
-    listed, edits, wrong = read[0].edits[:MAX_EDITS], [], []
+    listed, edits, wrong = read.edits[:MAX_EDITS], [], []
     for number, values in enumerate(listed, 1):
         try:
             edit = _edit(values)
@@ -374,7 +334,7 @@ def check_edits(
             wrong.append(f"edit {number}: {error}")
     if not edits:
         return Rejection(RejectionStage.EDITS, "\n".join(wrong))
-    change = f"{len(edits)} of {len(listed)} edits: {'; '.join(wrong)}" if wrong else read[1]
+    change = f"{len(edits)} of {len(listed)} edits: {'; '.join(wrong)}" if wrong else ""
     return Accepted(Guidance(None, None, "llm", edits=tuple(edits)), change[:MAX_EXPLANATION])
 
 

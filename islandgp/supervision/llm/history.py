@@ -149,6 +149,13 @@ class Shown:
         return f"```\n{comments.strip() or shortened(tree)}\n```"
 
 
+def run_texts(context: RunContext, view: GenerationView | None) -> Any:
+    """The macros of `history.jinja` for a generation."""
+    values = {"run": context, "view": view, "best_rank": best_rank, "mean": fmean}
+    template = environment().get_template("history.jinja")
+    return template.make_module({**values, "components": components})
+
+
 @dataclass(frozen=True, slots=True)
 class Sections:
     """Makes the sections of prompts that differ between generations.
@@ -162,10 +169,7 @@ class Sections:
 
     @property
     def _texts(self) -> Any:
-        """The macros of the template."""
-        names = {"run": self.context, "view": self.view, "best_rank": best_rank, "mean": fmean}
-        template = environment().get_template("history.jinja")
-        return template.make_module({**names, "components": components})
+        return run_texts(self.context, self.view)
 
     def of_run(self, rarest: Sequence[str], names: Collection[str]) -> tuple[dict[str, str], int]:
         """The values of RUN_VALUES that `names` has, others being "".

@@ -5,13 +5,12 @@ from __future__ import annotations
 import json
 import os
 import re
-from typing import Annotated, Any, ClassVar, Final, Literal
-from urllib.parse import urlsplit
+from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple
 
 from pydantic import BaseModel, Field, SecretStr, field_validator, model_validator
 
 from islandgp.plugin import ComponentConfig
-from islandgp.supervision.base import SUPERVISES, Phase, check_ranges
+from islandgp.supervision.base import SUPERVISES, PhaseRates, Rates
 
 DAY: Final = 86_400  # s
 CHARACTERS: Final = 3.8  # of a token, as measured: docs/llm.md
@@ -25,28 +24,40 @@ OWN_FIELDS: Final = frozenset(
 )
 """Fields of a request's body that have settings of their own; `stream` is not supported."""
 
-
+_ADDRESS: Final = re.compile(r"https?://[^\s/@:]+(:0*[1-9]\d{0,4})?(/[^\s@]*)?")
 _REQUESTS: Final = re.compile(r"(/v1)?/(messages|responses|(chat/)?completions)/*$")
 
 
 def check_address(url: str) -> None:
     """Raises ValueError unless a text is a server's address without the path of a request."""
-    parts = urlsplit(url)
-    try:
-        is_complete = parts.scheme in ("http", "https") and parts.hostname and parts.port != 0
-    except ValueError:  # the port is not a number
-        is_complete = False
-    if not is_complete or not url.isprintable() or " " in url:
-        raise ValueError("expected an address such as http://localhost:11434")
-    if "@" in parts.netloc:
-        raise ValueError("expected no user name and password; set ANTHROPIC_API_KEY instead")
-    if path := _REQUESTS.search(parts.path):
-        address = f"{parts.scheme}://{parts.netloc}{parts.path[: path.start()]}"
+    if not _ADDRESS.fullmatch(url) or not url.isprintable():
         raise ValueError(
-            f"expected an address without the path of a request, such as {address}, found"
-            f" {path[0]} at its end; the client adds it. A server with OpenAI's API only needs"
-            " supervisor.policy.interface=chat"
+            "expected an address such as http://localhost:11434, without a name or password, which"
+            " ANTHROPIC_API_KEY replaces"
         )
+    if path := _REQUESTS.search(url):
+        raise ValueError(
+            f"expected an address without the path of a request, such as {url[: path.start()]},"
+            f" found {path[0]} at its end; the client adds it. A server with OpenAI's API only"
+            " needs supervisor.policy.interface=chat"
+        )
+
+
+class API(NamedTuple):
+    """The default server of an interface, and its variables of the environment."""
+
+    name: str
+    keys: tuple[str, ...]  # variables with a key or token, sent in the same header
+    address: str  # variable
+
+
+API_OF: Final = {
+    "anthropic": API(
+        "the Anthropic API", ("ANTHROPIC_API_KEY", "ANTHROPIC_AUTH_TOKEN"), "ANTHROPIC_BASE_URL"
+    ),
+    "chat": API("the OpenAI API", ("OPENAI_API_KEY",), "OPENAI_BASE_URL"),
+    "local": API("this machine", (), ""),
+}
 
 
 class RetrySettings(BaseModel, frozen=True, extra="forbid"):
@@ -152,8 +163,8 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     cache: bool  # let the server cache the system prompts
     retry: RetrySettings
     repairs: int = Field(ge=0, le=5)  # further turns after a rejected answer
-    rates: tuple[float, float]  # lowest and highest accepted mutation rate, in [0, 1]
-    phases: dict[Phase, tuple[float, float]]  # Table 8
+    rates: Rates  # lowest and highest accepted mutation rate
+    phases: PhaseRates  # Table 8
     explore: TreeSize  # section 2.4.6, phase 1
     exploit: TreeSize  # phase 2
     parents: int = Field(default=2, ge=1, le=10)  # trees in the question for edits
@@ -183,10 +194,7 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
                 f"expected other fields than {', '.join(sorted(OWN_FIELDS))}, which have settings"
                 f" of their own or are not supported, found {', '.join(reserved)}"
             )
-        try:
-            json.dumps(extra, allow_nan=False)
-        except (ValueError, TypeError) as error:
-            raise ValueError(f"expected JSON values ({error})") from None
+        json.dumps(extra, allow_nan=False)  # raises ValueError for a number that JSON lacks
         return extra
 
     @field_validator("base_url")
@@ -198,10 +206,6 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
 
     @model_validator(mode="after")
     def _whole(self) -> LLMSettings:
-        check_ranges("phases", self.phases)
-        least, most = self.rates
-        if not 0 <= least <= most <= 1:
-            raise ValueError(f"rates: expected 0 <= least <= most <= 1, found [{least}, {most}]")
         if self.caps.usd is not None and self.price is None:
             raise ValueError(
                 f"caps.usd: expected a model with a known price, found {self.model_name!r}; the"
@@ -226,18 +230,22 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
         return self.retry.deadline + (self.reply_tokens - self.max_tokens) / THINKING_SPEED
 
     @property
+    def key(self) -> str | None:
+        """The API key or token, without surrounding white space; None if there is none."""
+        own = self.api_key.get_secret_value() if self.api_key is not None else ""
+        keys = (own, *(os.environ.get(name, "") for name in API_OF[self.interface].keys))
+        return next((key.strip() for key in keys if key.strip()), None)
+
+    @property
     def address(self) -> str | None:
         """The server's address; None for that of the client."""
-        if self.client_factory is not None or self.interface == "local":
-            return self.base_url
-        variable = "OPENAI_BASE_URL" if self.interface == "chat" else "ANTHROPIC_BASE_URL"
+        variable = "" if self.client_factory is not None else API_OF[self.interface].address
         return self.base_url or os.environ.get(variable) or None
 
     @property
     def place(self) -> str:
         """The server's address or the client, for messages."""
-        apis = {"anthropic": "the Anthropic API", "chat": "the OpenAI API", "local": "this machine"}
-        return self.address or self.client_factory or apis[self.interface]
+        return self.address or self.client_factory or API_OF[self.interface].name
 
     @property
     def price(self) -> Price | None:

@@ -7,7 +7,6 @@ or a transcript. So a replay uses the same `Adviser` as the recorded run.
 from __future__ import annotations
 
 import logging
-import os
 from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
@@ -34,8 +33,7 @@ from islandgp.supervision.llm.calls import (
     supported,
     unasked,
 )
-from islandgp.supervision.llm.client import ServerClient, in_thread, sdk_client
-from islandgp.supervision.llm.local import LocalClient, model_file
+from islandgp.supervision.llm.client import LocalClient, ServerClient, model_file, sdk_client
 from islandgp.supervision.llm.message import (
     CHARGED,
     HOPELESS,
@@ -49,6 +47,7 @@ from islandgp.supervision.llm.message import (
 from islandgp.supervision.llm.questions import Questions
 from islandgp.supervision.llm.settings import LLMSettings, Outage, check_address
 from islandgp.supervision.llm.transcript import NAME, Call, Played, Start, Transcript
+from islandgp.threads import in_thread
 
 SMALL: Final = {"smollm2-135m": "135 million parameters: valid trees, little judgement"}
 """What to expect of small models."""
@@ -116,7 +115,7 @@ class Adviser:
             answers = {part: unasked(calls, generation, part, failure) for part in questions.parts}
         else:
             answers = self._answers(state, calls)
-            if episodes := questions.episodes(state):
+            if episodes := sum(questions.episodes.values()):
                 calls.transcript.add(Played(generation, episodes))
         missing = sum(answer.guidance is None for answer in answers.values())
         backup = ask(self.fallback, state, rng) if missing else None
@@ -195,26 +194,23 @@ class LLM:
     @classmethod
     def check(cls, settings: LLMSettings, context: RunContext) -> None:  # noqa: ARG003 -- the protocol's
         """Raises SupervisionError without a valid key or address, or if the factory fails."""
+        factory, key, address = settings.client_factory, settings.key, settings.address
         if settings.interface == "local":
             model_file(settings.model)
-            return
-        if settings.client_factory is not None:
-            sdk_client(settings.client_factory, None, settings.base_url, settings.interface)
-            return
-        key = _key(settings)
-        if key is None and settings.address is None:
+        elif factory is None and key is None and address is None:
             raise SupervisionError(_WAYS)
-        if settings.interface != "anthropic":
-            sdk_client(None, "none", settings.address, settings.interface)
-        if key is not None and not key.isprintable():  # an error of a header would quote it
+        elif key is not None and not key.isprintable():  # an error of a header would quote it
             raise SupervisionError(
                 "Expected a key in one line, found one with line breaks or control characters; set"
                 " ANTHROPIC_API_KEY to the key alone."
             )
-        try:
-            check_address(settings.address or "https://api.anthropic.com")
-        except ValueError as error:  # `base_url` is checked with the configuration
-            raise SupervisionError(f"ANTHROPIC_BASE_URL: {error}.") from None
+        elif factory is not None or settings.interface == "chat":
+            sdk_client(factory, "none", address, settings.interface)
+        if address is not None:
+            try:
+                check_address(address)
+            except ValueError as error:  # `base_url` is checked with the configuration
+                raise SupervisionError(f"ANTHROPIC_BASE_URL: {error}.") from None
 
     @classmethod
     def make(cls, settings: LLMSettings, context: RunContext) -> LLM:
@@ -291,29 +287,26 @@ class LLM:
         Records have the former each time. A server that counts far fewer tokens than a prompt must
         have cuts it.
         """
+        lines = {}
         kinds = (FailureKind.BUDGET, FailureKind.USELESS, *HOPELESS)
         final = tuple(f"fallback: {kind}: " for kind in kinds)
-        reasons = [note for note in guidance.notes.values() if note.startswith(final)]
-        if reasons:
-            self._warn_once(
-                f"Supervision continues with the fallback from generation {generation}",
-                reasons[0].split(": ", 2)[2],
+        if reasons := [note for note in guidance.notes.values() if note.startswith(final)]:
+            lines["given up"] = (
+                f"Supervision continues with the fallback from generation {generation}:"
+                f" {reasons[0].split(': ', 2)[2]}"
             )
         last = transcript.attempts[-1] if transcript.attempts else None
-        if last is not None and last.usage is not None and isinstance(last.answer, Reply):
+        if last is not None and isinstance(last.answer, Reply) and last.usage is not None:
             expected = last.request.characters / self.settings.facts.characters
             if last.usage.read < FEW * expected:
-                self._warn_once(
-                    f"{self.settings.place} may cut prompts silently",
-                    f"it counted {last.usage.read} tokens of a prompt of about {expected:.0f};"
-                    " enlarge its context (for Ollama OLLAMA_CONTEXT_LENGTH)",
+                lines["cut"] = (
+                    f"{self.settings.place} may cut prompts silently: it counted {last.usage.read}"
+                    f" tokens of a prompt of about {expected:.0f}; enlarge its context (for Ollama"
+                    " OLLAMA_CONTEXT_LENGTH)"
                 )
-
-    def _warn_once(self, what: str, why: str) -> None:
-        kind = what.partition(" from ")[0]
-        if kind not in self._warned:
-            self._warned.add(kind)
-            logging.getLogger("islandgp").warning("%s: %s", what, why)
+        for kind in lines.keys() - self._warned:
+            logging.getLogger("islandgp").warning("%s", lines[kind])
+        self._warned |= lines.keys()
 
 
 class Local(LLM):
@@ -366,7 +359,7 @@ def client_of(settings: LLMSettings) -> Client:
     if settings.interface == "local":
         return LocalClient(settings.model)
     return ServerClient(
-        _key(settings),
+        settings.key,
         settings.address,
         interface=settings.interface,
         factory=settings.client_factory,
@@ -389,18 +382,3 @@ def live_calls(
         on_outage=on_outage,
         pace=pace,
     )
-
-
-def _key(settings: LLMSettings) -> str | None:
-    """The API key or token, without surrounding white space; None if there is none.
-
-    The API accepts both in the same header.
-    """
-    configured = settings.api_key.get_secret_value() if settings.api_key is not None else ""
-    variables = {
-        "anthropic": ("ANTHROPIC_API_KEY", "ANTHROPIC_AUTH_TOKEN"),
-        "chat": ("OPENAI_API_KEY",),
-        "local": (),
-    }[settings.interface]
-    keys = (configured, *(os.environ.get(name, "") for name in variables))
-    return next((key.strip() for key in keys if key.strip()), None)
