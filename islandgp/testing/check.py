@@ -11,10 +11,10 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Hashable, Iterable, Iterator
+from collections import deque
+from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from heapq import heappop, heappush
-from itertools import combinations_with_replacement, count, islice, pairwise
+from itertools import pairwise
 from math import isclose, isfinite
 from textwrap import indent
 from typing import Final
@@ -23,16 +23,21 @@ import numpy as np
 import yaml
 
 from islandgp.bt.core.language import parse
-from islandgp.bt.core.node import STATUS_NAMES, Limits, Node, ParallelArgs, leaf, sequence
+from islandgp.bt.core.node import (
+    Limits,
+    Node,
+    leaf,
+    sequence,
+)
 from islandgp.domain import Domain
 from islandgp.errors import TimeLimitError
 from islandgp.gp.random_trees import TreeSettings, TreeSpace, random_tree
 from islandgp.resources import resource
-from islandgp.testing.survey import (
+from islandgp.testing.episodes import (
     SEEDS,
-    FrameChecker,
+    Promise,
+    Run,
     Survey,
-    TickObserver,
     fault_text,
     tree_line,
     unreached,
@@ -46,24 +51,23 @@ class Check:
     """The result of `check_domain`."""
 
     faults: dict[str, str]  # by promise that is broken
-    survey: Survey | None  # the episodes; None: the domain could not be made
+    trees_run: int = 0  # trees whose episodes raised no exception
+    unreached: Sequence[str] = ()
+    """A line for the events, actions, keys and counters that no tree has reached, by kind."""
 
-    @property
-    def trees_run(self) -> int:
-        """Number of trees whose episodes raised no exception."""
-        return len(self.survey.runs) if self.survey else 0
-
-    def unreached(self) -> list[str]:
-        """A line for the events, actions and keys of the schema that no tree has reached."""
-        return list(unreached(self.survey)) if self.survey else []
-
-    def shared(self) -> list[str]:
-        """A line for actions that seem to share a resource that they do not declare.
-
-        Two actions do if their order in a parallel changes an episode, and an action does with
-        itself if two of it at once do not do the same as one.
-        """
-        return list(_shared(self.survey)) if self.survey else []
+    def lines(self) -> Iterator[str]:
+        """A report: each promise, and what no tree has reached."""
+        for promise in Promise if self.trees_run else self.faults:
+            fault = self.faults.get(promise, "")
+            yield f"{'FAILED' if fault else 'ok':<6}  {promise}"
+            if fault:
+                yield indent(fault, " " * 8)
+        if not self.trees_run:
+            yield "The other promises are checked as soon as the episode of a tree runs."
+        elif self.unreached:
+            yield f"\nNot reached by any of {self.trees_run} trees (no failure without --strict):"
+            yield from (f"  {line}" for line in self.unreached)
+            yield "A tree that reaches them can be added: islandgp domain NAME --check TREE.bt"
 
     def lines(self) -> Iterator[str]:
         """A report: each promise, what no tree has reached, and resources that seem shared."""
@@ -106,23 +110,33 @@ def check_domain(
     Returns:
         The result. If no episode runs, the other promises are not checked.
     """
-    first = next(iter(PROMISES))
     try:
-        survey = Survey(make(), make, timeout)
+        survey = Survey(make(), timeout)
         _run_trees(survey, trees, random_trees, grown_trees, more_episodes)
     except (Exception, SystemExit) as error:  # any exception of a domain is a fault
-        return Check({first: fault_text(error)}, None)
-    faults = {}
-    for promise, look in PROMISES.items():
+        return Check({str(Promise.RUNS): fault_text(error)})
+    found: dict[str, str] = {}
+    if crashes := list(survey.crashes.values())[:MAX_FAULTS]:
+        lines = (
+            f"{text} (world seed {seed}, tree {tree_line(tree)})" for text, seed, tree in crashes
+        )
+        found[Promise.RUNS] = "\n".join(lines)
+    copies: dict[Promise, Callable[[], Domain]] = {
+        Promise.REPEATS: make,
+        Promise.PICKLES: lambda: pickle.loads(pickle.dumps(make())),
+    }
+    for promise, copy in copies.items() if survey.runs else ():
         try:
-            fault = next(look(survey), "")
+            if fault := _other_outcome(survey, copy()):
+                found[promise] = fault
         except (Exception, SystemExit) as error:
-            fault = fault_text(error)
-        if fault:
-            faults[promise] = fault
-        if not survey.runs:
-            break
-    return Check(faults, survey)
+            found[promise] = fault_text(error)
+    for run in survey.runs:
+        for promise, fault in (*_of_outcomes(survey, run), *run.record.faults.items()):
+            found.setdefault(promise, fault)
+    ordered = {str(promise): found[promise] for promise in Promise if promise in found}
+    lacking = [*unreached(survey)] if survey.runs else []
+    return Check(ordered, len({run.tree for run in survey.runs}), lacking)
 
 
 def _run_trees(
@@ -139,186 +153,79 @@ def _run_trees(
     drawn = (random_tree(np.random.default_rng(slot), space) for slot in range(number))
     try:
         for tree in (*own, *leaves, *pairs, *drawn):
-            survey.look(tree)
+            survey.run(tree)
         _grow(survey, leaves, grown)
         running = [run.tree for run in survey.runs if run.tree in own]
         for n in range(more if running else 0):
             if not any(unreached(survey)):
                 return
-            survey.visit(running[n % len(running)], SEEDS[0] + 1 + n // len(running))
+            survey.run(running[n % len(running)], [SEEDS[1] + 1 + n // len(running)])
     except TimeLimitError:
         pass  # the survey has kept it
 
 
-def _grow(survey: Survey, actions: list[Node], remaining: int) -> None:
+def _grow(survey: Survey, actions: Sequence[Node], most: int) -> None:
     """Runs sequences of actions and extends those that reached something new."""
     reached: set[Hashable] = set()
-    number = count()
-    waiting: list[tuple[int, int, int, tuple[Node, ...]]] = [(0, 0, next(number), ())]
+    states: set[Hashable] = set()
+    waiting = deque[tuple[Node, ...]]([()])
     while waiting:
-        *_, chain = heappop(waiting)
+        chain = waiting.popleft()
         for action in actions:
-            if not remaining:
+            if not most:
                 return
-            remaining -= 1
+            most -= 1
             longer = (*chain, action)
-            if (run := survey.look(sequence(*longer))) is None:
+            if (run := survey.run(sequence(*longer))) is None:
                 continue
-            firsts, states = run.recorder.firsts() - reached, run.recorder.states - reached
-            reached |= firsts | states
-            if firsts or states:
-                # Those with something that no sequence had shown come first, then the longest.
-                heappush(waiting, (0 if firsts else 1, -len(longer), next(number), longer))
+            if run.record.firsts() - reached:
+                waiting.appendleft(longer)
+            elif run.record.states - states:
+                waiting.append(longer)
+            reached |= run.record.firsts()
+            states |= run.record.states
 
 
-def _shared(survey: Survey) -> Iterator[str]:
-    actions = survey.domain.schema.vocabulary.actions
-    acting = [name for name, action in actions.items() if not action.condition]
-
-    def ticks(tree: Node) -> list[Hashable]:
-        observed = TickObserver()
-        try:
-            survey.run(tree, SEEDS[0], {}, observed)
-        except (Exception, SystemExit):  # it is among the faults
-            return []
-        return observed.ticks
-
-    for one, other in combinations_with_replacement(acting, 2):
-        if {*actions[one].uses} & {*actions[other].uses}:
-            continue
-        first, second = leaf(one), leaf(other)
-        both = Node("parallel", ParallelArgs("all", "all"), (first, second))
-        swapped = first if one == other else both._replace(children=(second, first))
-        before = dict.fromkeys((*actions[one].after, *actions[other].after))
-        prepared = [leaf(name) for name in before]
-        if ticks(sequence(*prepared, both)) != ticks(sequence(*prepared, swapped)):
-            yield f"{one} with itself" if one == other else f"{one} and {other}"
-
-
-def _every_episode_runs(survey: Survey) -> Iterator[str]:
-    faults = [
-        f"{fault.text} (world seed {fault.seed}, tree {tree_line(fault.tree)})"
-        for fault in survey.faults.values()
-    ]
-    if faults:
-        yield "\n".join(faults[:MAX_FAULTS])
-
-
-def _equal_episodes(survey: Survey) -> Iterator[str]:
-    other = survey.make()
+def _other_outcome(survey: Survey, domain: Domain) -> str:
+    """A line for the first episode that has another outcome in an equal domain, or ""."""
     for run in reversed(survey.runs):
-        for seed, before in zip(reversed(SEEDS), reversed(run.plain), strict=True):
-            if before != survey.run(run.tree, seed, domain=other):
-                yield (
+        for seed, before in zip(reversed(run.seeds), reversed(run.plain), strict=True):
+            if before != survey.episode(run.tree, seed, domain=domain):
+                return (
                     "Expected equal outcomes of equal episodes, found others of"
                     f" {tree_line(run.tree)}"
                 )
+    return ""
 
 
-def _sent_to_workers(survey: Survey) -> Iterator[str]:
-    copy: Domain = pickle.loads(pickle.dumps(survey.make()))
-    for run in islice(survey.runs, 10):
-        if run.plain[0] != survey.run(run.tree, SEEDS[0], domain=copy):
-            yield f"Expected an equal outcome after pickling, not so: {tree_line(run.tree)}"
-
-
-def _declared_outcomes(survey: Survey) -> Iterator[str]:
-    schema = survey.domain.schema
-    for o in (outcome for run in survey.runs for outcome in run.plain):
-        for kind, found, declared in (
-            ("components", o.components, schema.components),
-            ("counters", o.counters, schema.counters),
-        ):
-            if list(found) != list(declared):
-                yield (
-                    f"Expected the {kind} {', '.join(declared)}, in this order, found"
-                    f" {', '.join(found)}"
-                )
+def _of_outcomes(survey: Survey, run: Run) -> Iterator[tuple[Promise, str]]:
+    """The promises that a tree's outcomes break, each with a line."""
+    schema, record = survey.domain.schema, run.record
+    for o in run.plain:
+        for kind in ("components", "counters"):
+            names, declared = ([*getattr(each, kind)] for each in (o, schema))
+            if names != declared:
+                yield Promise.OUTCOMES, f"Expected the {kind} {declared}, found {names}"
         if not all(map(isfinite, (*o.components.values(), *o.counters.values(), o.seconds))):
-            yield f"Expected finite numbers, found {o}."
+            yield Promise.OUTCOMES, f"Expected finite numbers, found {o}."
         if not o.seconds > 0:
-            yield f"Expected an episode to take time, found {o.seconds:g} s."
+            yield Promise.OUTCOMES, f"Expected an episode to take time, found {o.seconds:g} s."
         if len(o.endings) != 1 or not o.endings[0]:
-            yield f"Expected one word for why the episode ended, found {o.endings!r}."
-
-
-def _weights_of_one(survey: Survey) -> Iterator[str]:
-    ones = dict.fromkeys(survey.domain.schema.components, 1.0)
-    for run in survey.runs:
-        if run.plain[0] != survey.run(run.tree, SEEDS[0], ones):
-            yield "Expected weights of 1 to change nothing."
-
-
-def _observed_outcomes(survey: Survey) -> Iterator[str]:
-    for run in survey.runs:
-        if run.watched != run.plain[0]:
-            yield f"Expected the same outcome when observed, found another of {tree_line(run.tree)}"
-
-
-def _ranges(survey: Survey) -> Iterator[str]:
-    for recorder in survey.recorders():
-        if not recorder.ticks:
-            yield "Expected `observer.tick` to be called for each tick."
-        if recorder.wrong_board:
-            yield recorder.wrong_board
-
-
-def _declared_statuses(survey: Survey) -> Iterator[str]:
-    actions = survey.domain.schema.vocabulary.actions
-    for recorder in survey.recorders():
-        for name, status in sorted(recorder.statuses):
-            if status not in (declared := actions[name].statuses):
-                names = ", ".join(STATUS_NAMES[each] for each in sorted(declared))
-                yield f"Expected {name} to return {names}, found {STATUS_NAMES[status]}."
-
-
-def _credits(survey: Survey) -> Iterator[str]:
-    for run in survey.runs:
-        if run.recorder.wrong_credit:
-            yield run.recorder.wrong_credit
-        for name, points in run.watched.components.items():
-            credited = run.recorder.points[name]
-            if not isclose(credited, points, rel_tol=1e-9, abs_tol=1e-6):
-                yield f"Expected credits of {points} for {name}, found {credited}."
-
-
-def _counted_events(survey: Survey) -> Iterator[str]:
-    schema = survey.domain.schema
-    for run in survey.runs:
-        credited = run.recorder.credited
-        for name in sorted(schema.counters.keys() & schema.events.keys() & credited.keys()):
-            if (counted := run.watched.counters[name]) != credited[name]:
-                yield f"Expected {credited[name]} as the counter {name}, found {counted}."
-
-
-def _scenes(survey: Survey) -> Iterator[str]:
-    for recorder in survey.recorders():
-        if recorder.wrong_scene:
-            yield recorder.wrong_scene
-        if len(recorder.movers) > 1:
-            yield f"Expected as many movers in each tick, found {sorted(recorder.movers)}"
-
-
-def _frames(survey: Survey) -> Iterator[str]:
-    for run in islice(survey.runs, 1):
-        checker = FrameChecker(run.tree, survey.domain.schema)
-        survey.run(run.tree, SEEDS[0], {}, checker)
-        if checker.wrong_frame:
-            yield checker.wrong_frame
-
-
-PROMISES: Final[dict[str, Callable[[Survey], Iterator[str]]]] = {
-    "every episode runs": _every_episode_runs,
-    "an episode is a function of tree seed and weights": _equal_episodes,
-    "it can be sent to workers": _sent_to_workers,
-    "outcomes have what the schema declares": _declared_outcomes,
-    "a component that is not named has the weight 1": _weights_of_one,
-    "recording an episode keeps its outcome": _observed_outcomes,
-    "keys stay in their ranges": _ranges,
-    "actions return the statuses that they declare": _declared_statuses,
-    "points of actions add up to the fitness": _credits,
-    "counters named like an event count it": _counted_events,
-    "scenes use the declared styles": _scenes,
-    "frames are png images": _frames,
-}
-"""What a domain promises; each function yields a line for each place where it does not hold."""
+            line = f"Expected one word for why the episode ended, found {o.endings!r}."
+            yield Promise.OUTCOMES, line
+    ones = dict.fromkeys(schema.components, 1.0)
+    if run.plain[0] != survey.episode(run.tree, run.seeds[0], ones):
+        yield Promise.WEIGHTS, "Expected weights of 1 to change nothing."
+    if run.watched != run.plain[0]:
+        line = f"Expected the same outcome when observed, found another of {tree_line(run.tree)}"
+        yield Promise.OBSERVED, line
+    if not record.ticks:
+        yield Promise.RANGES, "Expected `observer.tick` to be called for each tick."
+    for name, points in run.watched.components.items():
+        if not isclose(record.points[name], points, rel_tol=1e-9, abs_tol=1e-6):
+            line = f"Expected credits of {points} for {name}, found {record.points[name]}."
+            yield Promise.CREDITS, line
+    for name in sorted(schema.counters.keys() & schema.events.keys() & record.credited.keys()):
+        expected, counted = record.credited[name], run.watched.counters[name]
+        if counted != expected:
+            yield Promise.COUNTERS, f"Expected {expected} as the counter {name}, found {counted}."

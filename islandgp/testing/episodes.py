@@ -1,0 +1,235 @@
+"""Episodes of a domain under test: what each shows, and the promises that it breaks."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Hashable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from enum import StrEnum
+from typing import Any, Final
+
+from islandgp.bt.core.engine import ABORTED
+from islandgp.bt.core.language import to_text
+from islandgp.bt.core.node import AGAIN, FAILURE, STATUS_NAMES, SUCCESS, Node, size, walk
+from islandgp.domain import Domain, Observer, Outcome, Scene, Schema, SimulatorDomain, prepare
+from islandgp.errors import IslandError, TimeLimitError
+from islandgp.plugin import raised_in
+from islandgp.time_limit import TimeLimit
+
+SEEDS: Final = (0, 1, 2**32 - 1)  # of the worlds of all trees
+FRAMES: Final = 3  # ticks whose frames are checked
+PNG: Final = b"\x89PNG\r\n\x1a\n"
+
+
+class Promise(StrEnum):
+    """What a domain promises."""
+
+    RUNS = "every episode runs"
+    REPEATS = "an episode is a function of tree seed and weights"
+    PICKLES = "it can be sent to workers"
+    OUTCOMES = "outcomes have what the schema declares"
+    WEIGHTS = "a component that is not named has the weight 1"
+    OBSERVED = "recording an episode keeps its outcome"
+    RANGES = "keys stay in their ranges"
+    STATUSES = "actions return the statuses that they declare"
+    CREDITS = "points of actions add up to the fitness"
+    COUNTERS = "counters named like an event count it"
+    SCENES = "scenes use the declared styles"
+    FRAMES = "frames are png images"
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A tree's episodes."""
+
+    tree: Node
+    seeds: Sequence[int]  # of its worlds
+    watched: Outcome  # in the first one
+    plain: tuple[Outcome, ...]  # not watched, in each
+    record: Record
+
+
+@dataclass(frozen=True, slots=True)
+class Survey:
+    """Results of all trees in one domain."""
+
+    domain: Domain
+    timeout: float  # of an episode, s; 0: none
+    runs: list[Run] = field(default_factory=list)  # of the trees that raised no exception
+    crashes: dict[tuple[str, str], tuple[str, int, Node]] = field(default_factory=dict)
+    """By type and place: the text of an exception, the seed of the world, and the tree."""
+
+    def episode(
+        self,
+        tree: Node,
+        seed: int,
+        weights: Mapping[str, float] | None = None,
+        observer: Observer | None = None,
+        domain: Domain | None = None,
+    ) -> Outcome:
+        """The outcome of an episode within the time limit."""
+        domain = domain or self.domain
+        prepare(domain)
+        with TimeLimit(self.timeout):
+            outcome = domain.run_episode(tree, seed, weights or {}, observer)
+        assert isinstance(outcome, Outcome), f"Expected an Outcome, found {outcome!r:.80}"
+        return outcome
+
+    def run(self, tree: Node, seeds: Sequence[int] = SEEDS) -> Run | None:
+        """Runs a tree in each of some worlds; None if it failed.
+
+        Raises:
+            TimeLimitError: an episode took too long; it is kept as well.
+        """
+        record, outcomes, at = Record(tree, self.domain.schema), list[Outcome](), seeds[0]
+        try:
+            watched = self.episode(tree, at, {}, record)
+            for at in seeds:
+                outcomes.append(self.episode(tree, at))
+        except (Exception, SystemExit) as error:  # a simulator may call sys.exit
+            key = type(error).__name__, raised_in(error) or fault_text(error)
+            if key not in self.crashes or size(tree) < size(self.crashes[key][2]):
+                self.crashes[key] = fault_text(error), at, tree
+            if isinstance(error, TimeLimitError):
+                raise
+            return None
+        self.runs.append(Run(tree, seeds, watched, tuple(outcomes), record))
+        return self.runs[-1]
+
+
+def fault_text(error: BaseException) -> str:
+    """The text of an exception, with the place in the author's code."""
+    place = raised_in(error)
+    if isinstance(error, IslandError | AssertionError):
+        text = str(error).rstrip(".")
+        return text if place in text else f"{text}{place}"
+    return f"Expected no error, found {type(error).__name__}: {error}{place}"
+
+
+def tree_line(tree: Node, most: int = 200) -> str:
+    text = " ".join(to_text(tree).split())
+    return text if len(text) <= most else f"{text[:most]}..."
+
+
+def unreached(survey: Survey) -> Iterator[str]:
+    """A line for what no tree has reached, by kind."""
+    domain, runs = survey.domain, survey.runs
+    schema, records = domain.schema, [run.record for run in runs]
+    outcomes = [outcome for run in runs for outcome in run.plain]
+    counted = {n for n in schema.counters if any(o.counters.get(n) for o in outcomes)}
+    seen = counted.union(*(record.events | record.credited.keys() for record in records))
+    paid: Any = getattr(getattr(domain, "rewards", None), "events", {})
+    observable = schema.events if isinstance(domain, SimulatorDomain) else paid
+    if events := [n for n in schema.events if n in observable and n not in seen]:
+        yield f"events never logged: {', '.join(events)}"
+    actions = schema.vocabulary.actions
+    done = {name for record in records for name, status in record.statuses if status == SUCCESS}
+    if unused := [n for n in actions if SUCCESS in actions[n].statuses and n not in done]:
+        yield f"actions that never succeeded: {', '.join(unused)}"
+    ends = {
+        name: {value for record in records if name in record.ends for value in record.ends[name]}
+        for name in schema.vocabulary.keys
+    }
+    if same := [f"{n} (always {min(e):g})" for n, e in ends.items() if len(e) == 1]:
+        yield f"keys that never changed: {', '.join(same)}"
+    if zero := [n for n in schema.counters if n not in counted and n not in schema.events]:
+        yield f"counters that stayed 0: {', '.join(zero)}"
+
+
+class Record(Observer):
+    """Summary of an observed episode, with the first fault by promise."""
+
+    def __init__(self, tree: Node, schema: Schema) -> None:
+        self.statuses: set[tuple[str, int]] = set()  # action and status at the end of a tick
+        self.states: set[Hashable] = set()  # values of all flags together
+        self.ticks = 0
+        self.ends: dict[str, tuple[float, float]] = {}  # least and greatest value by key
+        self.points = dict.fromkeys(schema.components, 0.0)
+        self.credited: Counter[str] = Counter()
+        self.events: set[str] = set()
+        self.faults: dict[Promise, str] = {}
+        self._schema, self._movers = schema, -1
+        self._board: tuple[float, ...] | None = None  # of the last tick
+        self._actions = [n.action for n in walk(tree)]
+
+    def firsts(self) -> set[Hashable]:
+        """Everything reached: events, successes of actions, ends of the keys' ranges."""
+        reached: set[Hashable] = {*self.events, *self.credited}
+        reached |= {pair for pair in self.statuses if pair[1] == SUCCESS}
+        for name, (low, high) in self.ends.items():
+            key = self._schema.vocabulary.keys[name]
+            reached |= {(name, low <= key.low, high > key.low, high >= key.high)}
+        return reached
+
+    def node(self, place: int, status: int) -> None:
+        assert FAILURE <= status <= ABORTED, f"Expected a status, found {status}"
+        name = self._actions[place]
+        if not name or status in (AGAIN, ABORTED):
+            return
+        self.statuses.add((name, status))
+        if status not in (declared := self._schema.vocabulary.actions[name].statuses):
+            names = ", ".join(STATUS_NAMES[each] for each in sorted(declared))
+            line = f"Expected {name} to return {names}, found {STATUS_NAMES[status]}."
+            self.faults.setdefault(Promise.STATUSES, line)
+
+    def logged(self, event: str) -> None:
+        """Called for each event of a stepped domain, with or without points."""
+        self.events.add(event)
+
+    def tick(self, board: Sequence[float], scene: Scene | None) -> None:
+        self.ticks += 1
+        if (now := tuple(board)) != self._board:
+            self._board = now
+            self._look_at_board(now)
+        if scene is not None:
+            self._look_at_scene(scene)
+
+    def _look_at_board(self, board: tuple[float, ...]) -> None:
+        keys = self._schema.vocabulary.keys
+        if len(board) != len(keys):
+            line = f"Expected a value for each of the {len(keys)} keys, found {len(board)}"
+            self.faults.setdefault(Promise.RANGES, line)
+        for (name, key), value in zip(keys.items(), board, strict=False):
+            low, high = self.ends.get(name, (value, value))
+            self.ends[name] = min(low, value), max(high, value)
+            expected = ""
+            if key.flag and value not in (0, 1):
+                expected = f"0 or 1 of the flag {name}"
+            elif key.whole and value != int(value):
+                expected = f"a whole number of {name}"
+            elif not key.flag and not value >= key.low:
+                expected = f"{name} >= {key.low}"
+            elif not key.flag and key.most is not None and not value <= key.most:
+                expected = f"{name} <= {key.most}"
+            if expected:
+                self.faults.setdefault(Promise.RANGES, f"Expected {expected}, found {value}")
+        flags = zip(keys.values(), board, strict=False)
+        self.states.add(tuple(value for key, value in flags if key.flag))
+
+    def _look_at_scene(self, scene: Any) -> None:
+        if not isinstance(scene, Scene):
+            self.faults.setdefault(Promise.SCENES, f"Expected a Scene, found {scene!r:.80}")
+            return
+        for shape in (*scene.fixed, *scene.items, *scene.movers):
+            if shape.style not in self._schema.styles:
+                line = f"Expected a style of the schema, found {shape}"
+                self.faults.setdefault(Promise.SCENES, line)
+        if self._movers not in (-1, n := len(scene.movers)):
+            line = f"Expected as many movers in each tick, found {self._movers} and {n}"
+            self.faults.setdefault(Promise.SCENES, line)
+        self._movers = n
+        if scene.frame is not None and self.ticks <= FRAMES and (begin := scene.frame()[:8]) != PNG:
+            self.faults.setdefault(Promise.FRAMES, f"Expected a PNG, found {begin!r}...")
+
+    def credit(self, component: str, points: float, event: str, action: str) -> None:
+        for kind, name, names in (
+            ("a component", component, self.points),
+            ("an event", event, self._schema.events),
+            ("an action", action, {"", *self._schema.vocabulary.actions}),
+        ):
+            if name not in names:
+                line = f"Expected {kind} of the schema, found {name!r}"
+                self.faults.setdefault(Promise.CREDITS, line)
+                return
+        self.points[component] += points
+        self.credited[event] += 1
