@@ -71,35 +71,29 @@ def test_actions_are_made_of_the_space_s_type() -> None:
     assert (action.tolist(), action.dtype) == ([0.25, 1.5], np.float32)
     several = of(spaces.Discrete(2), spaces.MultiDiscrete([3, 2]))
     assert several.act((2, 1)).tolist() == [2, 1]
-    assert several.fault((3, 0)) != ""
-    assert several.fault((2, 1)) == ""
-    assert of(spaces.Discrete(2), spaces.Discrete(3)).fault(3) == "0 to 2"
+    assert several.accepts((2, 1))
+    assert not any(map(several.accepts, [(3, 0), (1.5, 1), (1,), 1]))
+    assert not any(map(of(spaces.Discrete(2), spaces.Discrete(3)).accepts, [3, (1,)]))
     lights = of(spaces.Discrete(2), spaces.MultiBinary(2))
     assert (lights.act((1, 0)).tolist(), lights.none) == ([1, 0], (0.0, 0.0))
-    assert lights.fault((2, 0)) == "a list of 2 whole numbers (0 to 1, 0 to 1)"
+    assert not lights.accepts((2, 0))
 
 
 @pytest.mark.parametrize(
-    ("actions", "default", "valid", "invalid", "message"),
+    ("actions", "default", "valid", "invalid"),
     [
-        (spaces.Discrete(3, start=-1), -1, 1, 2, "-1 to 1"),
-        (
-            spaces.MultiDiscrete([2, 3], start=[4, 0]),
-            (4, 0),
-            (5, 2),
-            (6, 0),
-            "a list of 2 whole numbers (4 to 5, 0 to 2)",
-        ),
+        (spaces.Discrete(3, start=-1), -1, 1, 2),
+        (spaces.MultiDiscrete([2, 3], start=[4, 0]), (4, 0), (5, 2), (6, 0)),
     ],
 )
 def test_choices_that_do_not_begin_at_0(
-    actions: Any, default: Any, valid: Any, invalid: Any, message: str
+    actions: Any, default: Any, valid: Any, invalid: Any
 ) -> None:
     """The configuration has the environment's own numbers; without a choice it is the first."""
     flattened = of(spaces.Discrete(2), actions)
     assert flattened.none == default
-    assert flattened.fault(valid) == ""
-    assert flattened.fault(invalid) == message
+    assert flattened.accepts(valid)
+    assert not flattened.accepts(invalid)
 
 
 @pytest.mark.parametrize(
@@ -119,12 +113,15 @@ def test_other_spaces_are_refused(observed: Any, actions: Any, message: str) -> 
 @pytest.mark.parametrize(
     ("override", "line"),
     [
-        ("actions.Turn.arguments.torque.at=1", "actions.Turn.arguments.torque.at: expected 0 to 0"),
+        (
+            "actions.Turn.arguments.torque.at=1",
+            "actions.Turn.arguments.torque.at: expected the place",
+        ),
         ("actions.Turn.arguments.torque.range=[-3,3]", "actions.Turn.arguments.torque.range: exp"),
         ("actions.Turn.arguments.torque.range=[2,1]", "actions.Turn.arguments.torque.range: expec"),
         ("actions.Turn.arguments.torque.default=9", "actions.Turn.arguments.torque.default: expec"),
-        ("otherwise=[3]", "otherwise: expected a list of 1 numbers within"),
-        ("otherwise=1", "otherwise: expected a list of 1 numbers"),
+        ("otherwise=[3]", "otherwise: expected an action of Pendulum-v1, Box("),
+        ("otherwise=1", "otherwise: expected an action of Pendulum-v1, Box("),
         ("observations.up.at=cosine", "observations.up.at: expected 0 to 2"),
     ],
 )

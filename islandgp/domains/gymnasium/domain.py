@@ -238,7 +238,7 @@ def _derived(observations: Observations) -> dict[str, settings.Observation]:
 def _places(observations: Observations, spaces: Spaces) -> dict[str, int]:
     """By name of an observation, its index among an episode's numbers; derived ones come last."""
     read = {n: spaces.places[o.at] for n, o in observations.items()}
-    return read | {n: at for at, n in enumerate(_derived(observations), spaces.observed)}
+    return read | {n: at for at, n in enumerate(_derived(observations), len(spaces.whole))}
 
 
 def _reader(observations: Observations, spaces: Spaces) -> Read:
@@ -268,31 +268,28 @@ def _check(world: settings.GymnasiumWorld, spaces: Spaces) -> None:
     for name, observation in world.observations.items():
         if observation.at not in spaces.places:
             raise ConfigError(
-                f"world.observations.{name}.at: expected {spaces.named()}, as"
-                f" {world.environment} observes {spaces.observed} numbers, found"
-                f" {observation.at!r}"
+                f"world.observations.{name}.at: expected {spaces.named()}, the numbers of"
+                f" {world.environment}, found {observation.at!r}"
             )
     choices = {f"actions.{name}.do": choice.do for name, choice in world.actions.items()}
     for path, action in {**choices, "otherwise": world.otherwise}.items():
-        if action is not None and (fault := spaces.fault(action)):
+        if action is not None and not spaces.accepts(action):
             raise ConfigError(
-                f"world.{path}: expected {fault}, the actions of {world.environment}, found"
+                f"world.{path}: expected an action of {world.environment}, {spaces.actions}, found"
                 f" {[*action] if isinstance(action, tuple) else action}"
             )
+    bounds = spaces.bounds
     for name, choice in world.actions.items():
         for key, filled in choice.arguments.items():
-            _check_filled(f"world.actions.{name}.arguments.{key}", filled, spaces)
-
-
-def _check_filled(path: str, filled: settings.Filled, spaces: Spaces) -> None:
-    if not spaces.bounds or not 0 <= filled.at < len(spaces.bounds):
-        most = (
-            f"0 to {len(spaces.bounds) - 1}" if spaces.bounds else "an environment with Box actions"
-        )
-        raise ConfigError(f"{path}.at: expected {most}, found {filled.at}")
-    low, high = spaces.bounds[filled.at]
-    if not low <= filled.range[0] < filled.range[1] <= high:
-        raise ConfigError(
-            f"{path}.range: expected two rising numbers from {low:g} to {high:g}, found"
-            f" {list(filled.range)}"
-        )
+            path = f"world.actions.{name}.arguments.{key}"
+            if filled.at >= len(bounds):
+                raise ConfigError(
+                    f"{path}.at: expected the place of a number of {spaces.actions}, found"
+                    f" {filled.at}"
+                )
+            (low, high), (least, most) = bounds[filled.at], filled.range
+            if not low <= least < most <= high:
+                raise ConfigError(
+                    f"{path}.range: expected two rising numbers from {low:g} to {high:g}, found"
+                    f" {[least, most]}"
+                )

@@ -104,16 +104,8 @@ class Filled(BaseModel, frozen=True, extra="forbid"):
 
     def parameter(self) -> Parameter:
         """The parameter for the vocabulary."""
-        low, high = self.range
-        return real(
-            self.meaning,
-            low,
-            high,
-            default=self.default,
-            step=self.step,
-            logarithmic=self.logarithmic,
-            unit=self.unit,
-        )
+        others = self.model_dump(exclude={"at", "meaning", "range"})
+        return real(self.meaning, *self.range, **others)
 
 
 class Choice(BaseModel, frozen=True, extra="forbid"):
