@@ -36,8 +36,8 @@ from islandgp.resources import resource
 from islandgp.testing.episodes import (
     SEEDS,
     Promise,
-    Run,
     Survey,
+    TreeRun,
     fault_text,
     tree_line,
     unreached,
@@ -68,24 +68,6 @@ class Check:
             yield f"\nNot reached by any of {self.trees_run} trees (no failure without --strict):"
             yield from (f"  {line}" for line in self.unreached)
             yield "A tree that reaches them can be added: islandgp domain NAME --check TREE.bt"
-
-    def lines(self) -> Iterator[str]:
-        """A report: each promise, what no tree has reached, and resources that seem shared."""
-        for promise in PROMISES if self.trees_run else self.faults:
-            fault = self.faults.get(promise, "")
-            yield f"{'FAILED' if fault else 'ok':<6}  {promise}"
-            if fault:
-                yield indent(fault, " " * 8)
-        if not self.trees_run:
-            yield "The other promises are checked as soon as the episode of a tree runs."
-            return
-        if unreached_lines := self.unreached():
-            yield f"\nNot reached by any of {self.trees_run} trees (no failure without --strict):"
-            yield from (f"  {line}" for line in unreached_lines)
-            yield "A tree that reaches them can be added: islandgp domain NAME --check TREE.bt"
-        if shared := self.shared():
-            yield "\nActions that seem to share a resource; declare it as their `uses` if they do:"
-            yield from (f"  {line}" for line in shared)
 
 
 def check_domain(
@@ -198,7 +180,7 @@ def _other_outcome(survey: Survey, domain: Domain) -> str:
     return ""
 
 
-def _of_outcomes(survey: Survey, run: Run) -> Iterator[tuple[Promise, str]]:
+def _of_outcomes(survey: Survey, run: TreeRun) -> Iterator[tuple[Promise, str]]:
     """The promises that a tree's outcomes break, each with a line."""
     schema, record = survey.domain.schema, run.record
     for o in run.plain:

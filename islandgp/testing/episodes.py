@@ -39,7 +39,7 @@ class Promise(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class Run:
+class TreeRun:
     """A tree's episodes."""
 
     tree: Node
@@ -55,7 +55,7 @@ class Survey:
 
     domain: Domain
     timeout: float  # of an episode, s; 0: none
-    runs: list[Run] = field(default_factory=list)  # of the trees that raised no exception
+    runs: list[TreeRun] = field(default_factory=list)  # of the trees that raised no exception
     crashes: dict[tuple[str, str], tuple[str, int, Node]] = field(default_factory=dict)
     """By type and place: the text of an exception, the seed of the world, and the tree."""
 
@@ -75,7 +75,7 @@ class Survey:
         assert isinstance(outcome, Outcome), f"Expected an Outcome, found {outcome!r:.80}"
         return outcome
 
-    def run(self, tree: Node, seeds: Sequence[int] = SEEDS) -> Run | None:
+    def run(self, tree: Node, seeds: Sequence[int] = SEEDS) -> TreeRun | None:
         """Runs a tree in each of some worlds; None if it failed.
 
         Raises:
@@ -93,7 +93,7 @@ class Survey:
             if isinstance(error, TimeLimitError):
                 raise
             return None
-        self.runs.append(Run(tree, seeds, watched, tuple(outcomes), record))
+        self.runs.append(TreeRun(tree, seeds, watched, tuple(outcomes), record))
         return self.runs[-1]
 
 
