@@ -86,9 +86,9 @@ WRONG = [
         f"when foundGarbage == isHumanoidWantToClear {{ {P} }}",
         1,
         6,
-        ["is a flag, so '==' can't follow\n"],
+        ["is a flag and does not fit here\n"],
     ),
-    (f"when foundGarbage > 0 {{ {P} }}", 1, 6, ["so '>' can't follow"]),
+    (f"when foundGarbage > 0 {{ {P} }}", 1, 6, ["is a flag and does not fit"]),
     # repeaters
     ("repeater { PatrolWaypoint }", 1, 10, ["Expected a number"]),
     ("repeater 0 { PatrolWaypoint }", 1, 10, ["'0' as its count", "1 to 1,000,000"]),

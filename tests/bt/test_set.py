@@ -173,7 +173,7 @@ def test_a_program_gets_and_sets_keys(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(
     ("value", "message"),
-    [('"{near}"', "near is not a key whose value"), ('"{gap}"', "dock | shelf"), ("3", "dock")],
+    [('"{near}"', "is not a value of to"), ('"{gap}"', "dock | shelf"), ("3", "dock")],
 )
 def test_a_key_of_another_type_is_no_argument(value: str, message: str) -> None:
     """The message names the keys that fit."""
@@ -244,3 +244,11 @@ def test_scripts_of_a_file_are_read_and_run(tmp_path: Path) -> None:
     assert goals == ["dock", "dock"]
     again = to_xml(tree.tree, vocabulary)
     assert read_tree(again, vocabulary).tree == tree.tree
+
+
+def test_a_parameter_in_an_assignment() -> None:
+    """It has any value in the definition; a wrong one is refused where it is used."""
+    bump = "subtree bump(by) = set tries = by + tries use bump({})"
+    assert parse(bump.format(1), BOT) == parse("set tries = 1 + tries", BOT)
+    with pytest.raises(TreeError, match=r"tries can't be 0\.5 \+ tries"):
+        parse(bump.format(0.5), BOT)

@@ -60,7 +60,7 @@ def read(text: str) -> Node:
         ("mode == dockin", 14, "'dockin' does not fit mode"),
         ("mode == dockin", 14, "Did you mean docking?"),
         ("mode == 1", 14, "idle | docking | driving, or another key: before"),
-        ("mode < docking", 6, "so '<' can't follow"),
+        ("mode < docking", 6, "docking, driving and does not fit here"),
         ("mode", 6, "`when mode == idle`"),
         ("gear == fast", 14, "Expected slow."),
         ("mode == gear", 14, "'gear' does not fit mode"),

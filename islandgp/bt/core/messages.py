@@ -89,12 +89,11 @@ def wrong_operand(
     )
 
 
-def unknown_constant(word: Word, constants: Collection[str], keys: Sequence[str] = ()) -> TreeError:
-    """The error for an unknown name of a number; `keys`: those that could be in its place."""
+def unknown_constant(word: Word, constants: Collection[str]) -> TreeError:
+    """The error for an unknown name of a number."""
     names = [*word.values, *constants]
     expected = f"a number or a constant that is defined above ({_listing(names)})"
-    expected += f" or a key ({', '.join(keys)})" * bool(keys)
-    return _unknown(word, "constant" + " or key" * bool(keys), expected, [*names, *keys])
+    return _unknown(word, "constant", expected, names)
 
 
 def unknown_argument(word: Word, action: str, parameters: Mapping[str, Parameter]) -> TreeError:

@@ -203,16 +203,7 @@ class NodeBuilder:
         word = self.word(token, OPERAND)
         if word.type == "NUMBER" or (word.text in self.constants and not word.open):
             return self.number(token)
-        if not word.open and self.vocabulary is not None:
-            key = self._keys.get(word.text)
-            if key is None:
-                keys = [name for name, each in self._keys.items() if not each.choices]
-                raise messages.unknown_constant(word, self.constants, keys)
-            if key.choices:
-                raise word.error(
-                    f"{word.text} is {key.kind} and can't be a part of a sum",
-                    expected="keys that are numbers, and numbers",
-                )
+        self._key(word, "<")
         return word.text
 
     def _key(self, name: Word, operator: str = "") -> Key | None:
@@ -227,12 +218,8 @@ class NodeBuilder:
             raise messages.unknown_key(name, self.vocabulary, self.values)
         if operator not in (key.operators or ("",)):
             operators = f", with one of {' '.join(key.operators)}" * bool(key.operators)
-            raise name.error(
-                f"{name.text} is {key.kind}, so {shown(operator)} can't follow"
-                if operator
-                else f"{name.text} is {key.kind} and must be compared with one",
-                expected=f"`when {key.example(name.text)}`{operators}",
-            )
+            expected = f"`when {key.example(name.text)}`{operators}"
+            raise name.error(f"{name.text} is {key.kind} and does not fit here", expected=expected)
         return key
 
     def _assignment(self, tree: Tree) -> Condition:
@@ -245,11 +232,8 @@ class NodeBuilder:
                 raise messages.unwritable(name, self._keys)
         if hasattr(right, "children"):
             if key is not None and key.choices:
-                raise self.source.error_at(
-                    first_word(right),
-                    f"{name.text} is {key.kind}",
-                    expected=f"{' or '.join(key.choices)}, or a key of the same kind",
-                )
+                word = Word(first_word(right), self.source)
+                raise messages.wrong_operand(name.text, word, self._keys, self.constants)
             self._operands = 0
             assigned = comparison(name.text, "=", self._term(right, 1))
         elif key is None and right in NO_YES:
@@ -261,7 +245,7 @@ class NodeBuilder:
 
     def _check_assigned(self, assigned: Condition, key: Key | None, right: Any) -> None:
         """Raises TreeError unless a key can have a value; the range of a sum is not checked."""
-        if key is None or key.choices or right in self.values:
+        if key is None or key.choices or any(word.open for word in self.values.values()):
             return
         low, most, other = key.low, inf if key.most is None else key.most, assigned.other
         whole_keys = {name for name, each in self._keys.items() if each.whole}
@@ -327,14 +311,8 @@ class NodeBuilder:
         parameter = parameters[key]
         if word.open:
             return parameter.default
-        if word.type == "FILE" and (name := referenced(word.text)):
-            if not self.vocabulary.gives(name, parameter):
-                keys = [n for n in self._keys if self.vocabulary.gives(n, parameter)]
-                raise word.error(
-                    f"{name} is not a key whose value {key} can have",
-                    expected=f"a key: {', '.join(keys) or 'none'}; or {value_range(parameter)}",
-                    guess=closest(name, keys),
-                )
+        key_name = referenced(word.text) if word.type == "FILE" else ""
+        if key_name and self.vocabulary.gives(key_name, parameter):
             return word.text
         value = self.number(token) if parameter.numeric else word.text
         if not fits(parameter, value):
