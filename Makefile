@@ -65,10 +65,6 @@ fuzz: $(STAMP)   ## hostile input for all readers: INPUTS=50000 SEED=0
 btcpp: $(STAMP)  ## build BehaviorTree.CPP in build/, for the tests of exports
 	$(BIN)/python tests/trees/btcpp/build_btcpp.py
 
-gateways:        ## LiteLLM's proxy and llmock in build/gateways, for slow tests of supervision
-	$(PYTHON) -m venv build/gateways
-	build/gateways/bin/python -m pip install --quiet --disable-pip-version-check -r tests/llm/gateways.txt
-
 axe:             ## axe-core in build/axe, for a slow test of the replay page
 	npm install --silent --no-audit --no-fund --prefix build/axe axe-core@4.14.1
 
@@ -115,4 +111,4 @@ ui: $(STAMP)     ## start the MLflow UI on this folder's runs
 clean:           ## remove the virtual environment and caches
 	rm -rf $(VENV) build dist .mypy_cache .ruff_cache .pytest_cache .hypothesis
 
-.PHONY: help setup run lint lines test test-unit test-process test-packaging test-slow coverage mutants btcpp fuzz torture gateways axe vscode vscode-tools bench demo-llm study ablations study-editors study-worlds comparators docs ui clean
+.PHONY: help setup run lint lines test test-unit test-process test-packaging test-slow coverage mutants btcpp fuzz torture axe vscode vscode-tools bench demo-llm study ablations study-editors study-worlds comparators docs ui clean

@@ -128,12 +128,6 @@ def test_a_run_without_the_extra_ends_with_one_line(
     assert "Expected the package openai for supervisor.policy.interface=chat, found none" in line
 
 
-def test_a_key_or_an_address_is_needed(capsys: pytest.CaptureFixture[str]) -> None:
-    """The ways to have a model, among them the one without a server."""
-    assert main([*SMALL]) == 2
-    assert "supervisor=local" in capsys.readouterr().err
-
-
 def test_every_answer_of_the_grammar_is_accepted() -> None:
     """Random walks by a decoder's masks: valid JSON, fields, ranges and trees within limits."""
     run = context()

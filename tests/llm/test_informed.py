@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
@@ -75,12 +74,6 @@ def adviser(*overrides: str, run: Sequence[str] = ()) -> Questions:
     for generation in keeps.generations:
         questions.on_generation(generation)
     return questions
-
-
-def both(questions: Questions) -> str:
-    """The questions for a rate and for a tree after the run's last question."""
-    at = small_run()[1].states[-1]
-    return prompt_text(questions.request("rate", at)) + prompt_text(questions.request("tree", at))
 
 
 def test_golden_informed_rate_prompt() -> None:
@@ -220,18 +213,6 @@ def test_the_most_lacking_shows_the_fewest_behaviours() -> None:
         replace(one, id="c", fitness=2, counters=nothing),
     ]
     assert most_lacking(people, CLASSES).id == "c"
-
-
-@pytest.mark.slow
-def test_the_transcript_counts_episodes_once(tmp_path: Path) -> None:
-    """Asking again after a stop plays the traces again; they are written down once."""
-    overrides = ("gp.generations=4", "world.episode.length=20", INFORMED)
-    with MessagesServer() as server:
-        live(server, tmp_path, *overrides)
-        live(server, tmp_path, *overrides)
-    text = (tmp_path / "transcript.jsonl").read_text(encoding="utf-8")
-    entries = [json.loads(line) for line in text.splitlines() if '"line": "played"' in line]
-    assert [line["generation"] for line in entries] == [0, 1, 2]
 
 
 def test_records_are_read_as_they_were_made(tmp_path: Path) -> None:

@@ -221,13 +221,6 @@ def test_settings_do_not_show_the_key() -> None:
     assert KEY not in str(excinfo.value)
 
 
-def test_a_key_of_digits_is_a_key() -> None:
-    """A command line takes it for a number."""
-    llm_settings = settings("api_key=123456789")
-    assert llm_settings.api_key is not None
-    assert llm_settings.api_key.get_secret_value() == "123456789"
-
-
 def test_no_password_in_the_address() -> None:
     """An address is written into the configuration; a password in it would be, too."""
     for url in ("http://user:secret@localhost:1", "localhost:11434", "ftp://x"):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 import socket
 from collections.abc import Mapping
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
@@ -123,25 +122,6 @@ def test_the_same_command_works_once_the_server_is_there(
     assert summary["mostly_fallback"] is False
     assert "Language model: 100% of the answers, 7 requests, " in captured.out
     assert " out, $0.0" in captured.out
-
-
-@pytest.mark.slow
-def test_a_replay_of_an_edited_reply_stops(cwd: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Also where nothing follows from the reply any more: it is not the model's."""
-    with MessagesServer() as server:
-        assert main([*SMALL, f"supervisor.policy.base_url={server.url}"]) == 0
-    (file,) = cwd.rglob("transcript.jsonl")
-    text = file.read_text(encoding="utf-8")
-    last = text.rindex("Mock answer: ")
-    file.write_text(text[:last] + "My answer: " + text[last + 13 :], encoding="utf-8")
-    record = f"supervisor.policy.transcript='{file.parent}'"
-    capsys.readouterr()
-    replay = [*SMALL[:-2], "supervisor=replay", record, "runs=again"]
-    assert main(replay) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert re.search(r"as it was written, found line \d+ \(\w+ after generation 2\) changed", line)
-    file.write_text(text, encoding="utf-8")
-    assert main(replay) == 0
 
 
 def test_a_run_of_fallbacks_is_reported(cwd: Path, capsys: pytest.CaptureFixture[str]) -> None:

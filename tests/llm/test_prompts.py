@@ -181,11 +181,6 @@ def test_a_missing_variable_is_named() -> None:
         assert str(excinfo.value).startswith(f"prompts/mine.md: expected {found}")
 
 
-def test_values_are_not_filled_in_again() -> None:
-    """A value that looks like a variable stays as it is."""
-    assert Prompt("p", "", "{{ a }}").render({"a": "{{b}}"}) == ("", "{{b}}")
-
-
 def test_a_user_s_prompts(tmp_path: Path) -> None:
     """A user's folder replaces the project's; a fault in it is an error before the run starts."""
     for file in resource("prompts").glob("*.md"):

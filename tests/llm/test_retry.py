@@ -88,20 +88,6 @@ def test_an_endless_retry_after_ends_the_call_at_once() -> None:
     assert slept == []
 
 
-def test_each_attempt_has_the_same_deadline() -> None:
-    """Every attempt gets the 30 s of section 2.4.5."""
-    seconds: list[float] = []
-
-    class Watching(FakeClient):
-        def send(self, request: Request, *, seconds: float) -> Reply | Failure:
-            times.append(seconds)
-            return super().send(request, seconds=seconds)
-
-    times = seconds
-    calls(Watching([failed(FailureKind.TIMEOUT)] * 3))[0].ask(CALL, ASK)
-    assert seconds == [30, 30, 30]
-
-
 def test_attempts_are_written_down_one_by_one() -> None:
     """The transcript has each attempt with its number, wait and answer."""
     client = FakeClient([failed(FailureKind.CUT), Reply("yes", "end_turn", Usage(7, 8))])

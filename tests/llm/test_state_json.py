@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-from dataclasses import replace
 
 from hypothesis import given
 
@@ -125,18 +124,3 @@ def test_the_text_is_the_json(population_state: object) -> None:
     assert json.loads(state_text(values, CRISIS)) == json.loads(  # type: ignore[arg-type]
         json.dumps(state_json(values, CRISIS))  # type: ignore[arg-type]
     )
-
-
-def test_a_crisis_is_in_the_state() -> None:
-    """Eq. (7): whether the emergency rate is enforced."""
-    states = [replace(state(), crisis=reason) for reason in ("", "diversity", "stagnation")]
-    assert [state_json(s, CRISIS)["crisis"]["now"] for s in states] == [False, True, True]
-
-
-def test_no_share_of_nothing_and_no_negative_zero() -> None:
-    """A change from nothing has the share 0, and what rounds to zero has no sign."""
-    first = replace(state(), best_change=4000.4, diversity_trend=-0.0001, best_trend=-0.0)
-    document = state_json(first, CRISIS)
-    assert document["fitness"]["best_change_share"] == 0.0
-    assert str(document["diversity"]["trend"]) == "0.0"
-    assert str(document["fitness"]["best_trend"]) == "0"

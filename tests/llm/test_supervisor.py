@@ -15,9 +15,7 @@ from islandgp.errors import ConfigError, SupervisionError
 from islandgp.seeding import Stream, stream
 from islandgp.supervision.base import Guidance, Pattern, Phase
 from islandgp.supervision.llm.message import HOPELESS, Failure, FailureKind, Reply, Request, Usage
-from islandgp.supervision.llm.supervisor import LLM, Adviser
-from islandgp.supervision.llm.transcript import Transcript
-from islandgp.supervision.replay import Replay
+from islandgp.supervision.llm.supervisor import LLM
 from tests.llm.samples import (
     DECISION,
     PROPOSAL,
@@ -100,14 +98,6 @@ def test_one_repair_and_no_more() -> None:
     )
 
 
-@pytest.mark.parametrize("repairs", [0, 2])
-def test_repairs_are_a_setting(repairs: int) -> None:
-    """None, or several."""
-    llm, client = supervisor(answering(rate="no JSON"), f"repairs={repairs}")
-    advise(llm)
-    assert len(client.requests_for("rate")) == 1 + repairs
-
-
 def test_a_thought_without_an_answer_is_repaired() -> None:
     """The tokens ran out before the first word: no turn may be empty."""
     llm, client = supervisor(answering(tree=lambda n: [reply_of("", "max_tokens"), PROPOSAL][n]))
@@ -134,31 +124,6 @@ def test_the_tokens_of_an_answer_follow_the_model(overrides: tuple[str, ...], to
     llm, client = supervisor(answering(), *overrides)
     advise(llm)
     assert {r.max_tokens for r in client.requests} == {tokens}
-
-
-def test_a_refusal_is_not_argued_with() -> None:
-    """There is no text to repair; the fallback answers at once."""
-    llm, client = supervisor(answering(tree=reply_of("", "refusal")))
-    guidance = advise(llm)
-    assert len(client.requests_for("tree")) == 1
-    assert guidance.notes["tree"] == "fallback: refused: the model refused to answer"
-
-
-def test_nothing_answers() -> None:
-    """The guidance is the expert's; the record marks it as a fallback with the reason."""
-    llm, _ = supervisor(lambda request, n: failed(FailureKind.SERVER))  # noqa: ARG005
-    guidance = advise(llm)
-    assert replace(guidance, source="", notes={}) == replace(expert_guidance(), source="", notes={})
-    assert guidance.source == "fallback"
-    assert guidance.notes["rate"] == "fallback: server: a made-up server failure"
-
-
-def test_a_repair_turn_does_not_send_back_a_megabyte() -> None:
-    """However long the useless answer was, the next request stays small."""
-    llm, client = supervisor(answering(rate="[" * 90_000))
-    advise(llm)
-    repair = next(r for r in client.requests if len(r.turns) == 3)
-    assert len(repair.turns[1]) < 10_000
 
 
 def test_orders_in_an_answer_are_text() -> None:
@@ -329,34 +294,6 @@ def test_a_useless_model_can_stop_the_run() -> None:
         advise(llm, state(1))
 
 
-PAID = [FailureKind.TIMEOUT, FailureKind.CUT, FailureKind.MALFORMED]
-
-
-@sweep("kind", PAID, quick=2)
-def test_answers_that_never_arrive_are_not_paid_to_the_end(
-    kind: FailureKind, tmp_path: Path
-) -> None:
-    """Too late, cut or malformed, they may all be charged: they count as useless ones.
-
-    A resumed run and a replay agree, and the notes have the reason.
-    """
-    plain = answering()
-    script = lambda request, n: plain(request, n) if n == 0 else failed(kind)  # noqa: E731
-    llm, client = supervisor(script, folder=tmp_path)
-    answers = [advise(llm, state(g)) for g in range(12)]
-    assert len(client.requests) == 1 + 10 * 3
-    reason = (
-        f"fallback: useless: no usable answer to 10 questions in a row (the last: {kind}: a made"
-    )
-    assert all(note.startswith(reason) for g in answers[5:] for note in g.notes.values())
-    resumed, client = supervisor(answering(), folder=tmp_path)
-    assert [advise(resumed, state(g)) for g in range(12)] == answers
-    assert client.requests == []
-    replay = Replay(Adviser(llm.settings, context()), Transcript(tmp_path / "transcript.jsonl"))
-    streams = [stream(0, Stream.SUPERVISION, generation=g) for g in range(12)]
-    assert [replay.advise(state(g), rng) for g, rng in enumerate(streams)] == answers
-
-
 @pytest.mark.parametrize("kind", [FailureKind.SERVER, FailureKind.UNREACHABLE])
 def test_a_server_that_works_on_nothing_is_asked_to_the_end(kind: FailureKind) -> None:
     """It takes no money, and may be back in the next generation."""
@@ -365,21 +302,6 @@ def test_a_server_that_works_on_nothing_is_asked_to_the_end(kind: FailureKind) -
     for g in range(12):
         advise(llm, state(g))
     assert len(client.requests) == 1 + 12 * 2 * 3
-
-
-def test_waiting_ends_where_it_is_paid_for() -> None:
-    """An outage is waited out; a request that may be charged has its three attempts."""
-    plain = answering()
-
-    def cut(request: Request, n: int) -> Reply | Failure:
-        return plain(request, n) if n == 0 else failed(FailureKind.CUT)
-
-    run_context = context(None, "supervisor.inject=false")
-    overrides = ("on_outage=wait", "useless=4", "caps.requests=60")
-    llm, client = supervisor(cut, *overrides, run_context=run_context)
-    sources = [advise(llm, state(g)).source for g in range(8)]
-    assert sources == ["fallback"] * 8
-    assert len(client.requests) == 1 + 4 * 3
 
 
 @pytest.mark.parametrize("kind", sorted(HOPELESS))
@@ -403,72 +325,7 @@ def test_a_failure_that_cannot_heal_is_asked_once(kind: FailureKind, on_outage: 
     assert len(client.requests) == 3
 
 
-@sweep(
-    ("overrides", "seconds"),
-    [
-        ((), 30),
-        (("retry.deadline=5",), 5),
-        (("model=claude-haiku-5-5",), 30 + 14_000 / 50),
-        (("model=claude-haiku-5-5", "retry.deadline=60"), 60 + 14_000 / 50),
-        (("model=claude-haiku-5-5", "extra_body={thinking: {type: disabled}}"), 30),
-        (("extra_body={thinking: {type: enabled, budget_tokens: 4000}}",), 110),
-    ],
-    quick=3,
-)
-def test_a_model_that_thinks_has_a_longer_deadline(
-    overrides: tuple[str, ...], seconds: float
-) -> None:
-    """The paper's 30 s are for an answer; the room for thoughts takes time, too."""
-    deadlines: list[float] = []
-
-    class Watching(FakeClient):
-        def send(self, request: Request, *, seconds: float) -> Reply | Failure:
-            deadlines.append(seconds)
-            return super().send(request, seconds=seconds)
-
-    advise(LLM(settings(*overrides), context(), Watching(answering())))
-    assert deadlines == [seconds] * 3
-
-
-def test_a_server_that_goes_away_later_does_not_stop_the_run() -> None:
-    """Once it has answered, the fallback replaces missing answers."""
-    plain = answering()
-    llm, _ = supervisor(
-        lambda request, n: plain(request, n) if n == 0 else failed(FailureKind.UNREACHABLE)
-    )
-    llm.start()
-    assert advise(llm).source == "fallback"
-
-
-def test_a_probe_that_failed_is_made_again(tmp_path: Path) -> None:
-    """The same command goes on once the server is there: an old failure is not an answer."""
-    first, _ = supervisor(lambda request, n: failed(FailureKind.UNREACHABLE), folder=tmp_path)  # noqa: ARG005
-    with pytest.raises(SupervisionError, match="found unreachable"):
-        first.start()
-    resumed, client = supervisor(answering(), folder=tmp_path)
-    assert "structured output" in resumed.start()
-    assert len(client.requests) == 1
-
-
-def test_an_alias_of_a_model() -> None:
-    """It is the model that is asked, paid and reported."""
-    llm, client = supervisor(answering(), "model=current-small", "caps.usd=1")
-    assert llm.start().startswith("Supervised by claude-haiku-5-5 at ")
-    advise(llm)
-    assert {r.model for r in client.requests} == {"claude-haiku-5-5"}
-    assert llm.spent()["cost_usd"] == pytest.approx(3 * (1000 * 0.1 + 100 * 0.5) / 1e6)
-
-
 # What is needed to start.
-
-
-def test_without_key_and_address_three_ways_are_named() -> None:
-    """The message has what each of the ways needs."""
-    with pytest.raises(SupervisionError) as excinfo:
-        LLM.make(settings(), context())
-    text = str(excinfo.value)
-    for way in ("ANTHROPIC_API_KEY", "supervisor.policy.base_url=", "supervisor=expert"):
-        assert way in text
 
 
 @pytest.mark.parametrize(
@@ -502,16 +359,6 @@ def test_a_key_or_an_address_is_enough(
     llm_settings = settings(*overrides)
     LLM.check(llm_settings, context())
     assert (llm_settings.key, llm_settings.address) == (key, address)
-
-
-@pytest.mark.parametrize(
-    "name", ["ANTHROPIC_API_KEY", "ANTHROPIC_AUTH_TOKEN", "ANTHROPIC_BASE_URL"]
-)
-def test_an_empty_variable_is_none(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    """In shell scripts it means no key."""
-    monkeypatch.setenv(name, "")
-    with pytest.raises(SupervisionError):
-        LLM.make(settings(), context())
 
 
 def test_a_key_of_more_than_a_line(monkeypatch: pytest.MonkeyPatch) -> None:

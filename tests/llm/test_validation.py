@@ -16,10 +16,8 @@ from islandgp.bt.core.node import Limits, within
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.supervision.base import Pattern, Phase
 from islandgp.supervision.llm.answers import (
-    MAX_EXPLANATION,
     Accepted,
     DecisionAnswer,
-    ModelAnswer,
     Rejection,
     RejectionStage,
     check_decision,
@@ -100,24 +98,6 @@ def test_no_json(text: str) -> None:
     assert rejected(decide(reply_of(text))).stage is RejectionStage.JSON
 
 
-def test_a_cut_off_answer_is_repaired_with_a_shorter_one() -> None:
-    """The repair turn of an answer that ran out of tokens asks for a shorter one."""
-    rejection = rejected(decide(reply_of('{"mutation_rate": 0.', "max_tokens")))
-    assert rejection.stage is RejectionStage.JSON
-    assert "shorter" in rejection.error
-
-
-def test_a_whole_answer_counts_even_at_the_token_limit() -> None:
-    """A complete object before the cut is used."""
-    assert isinstance(decide(reply_of(json.dumps(GOOD) + " And furth", "max_tokens")), Accepted)
-
-
-@pytest.mark.parametrize("reply", [reply_of("", "refusal"), reply_of(GOOD, "refusal")])
-def test_a_refusal(reply: Reply) -> None:
-    """Nothing of a refused answer is used."""
-    assert rejected(decide(reply)).stage is RejectionStage.REFUSED
-
-
 @pytest.mark.parametrize(
     "text",
     [
@@ -148,13 +128,6 @@ def test_slips_around_a_tree_are_repaired() -> None:
     assert accepted.guidance.target == "rare"
 
 
-def test_the_repair_turn_shows_where_the_json_is_wrong() -> None:
-    """With the words around the first error."""
-    rejection = rejected(decide(reply_of('{"mutation_rate": 0.3 "phase": 1}')))
-    assert "expecting ',' delimiter near" in rejection.error
-    assert '"phase"' in rejection.error
-
-
 @pytest.mark.parametrize(
     ("change", "error"),
     [
@@ -182,14 +155,6 @@ def test_wrong_fields_are_named(change: dict[str, object], error: str) -> None:
     assert error in rejection.error
 
 
-def test_missing_fields_are_all_named() -> None:
-    """One line for each."""
-    rejection = rejected(decide(reply_of({"mutation_rate": 0.3})))
-    assert rejection.error.splitlines() == [
-        f"{name}: expected a value, found none" for name in list(GOOD)[1:]
-    ]
-
-
 @pytest.mark.parametrize("target", ["flying", "rarely", "", 3, None])
 def test_a_target_is_one_of_the_state_s(target: object) -> None:
     """The error lists the targets."""
@@ -204,12 +169,6 @@ def test_a_rate_outside_the_range_is_refused(rate: float) -> None:
     rejection = rejected(decide(reply_of({**GOOD, "mutation_rate": rate})))
     assert rejection.stage is RejectionStage.RANGE
     assert "from 0.1 to 0.5" in rejection.error
-
-
-@pytest.mark.parametrize("rate", [0.1, 0.5, 0.3])
-def test_the_range_s_ends_belong_to_it(rate: float) -> None:
-    """The limits themselves are taken."""
-    assert isinstance(decide(reply_of({**GOOD, "mutation_rate": rate})), Accepted)
 
 
 @pytest.mark.parametrize(
@@ -293,22 +252,6 @@ def test_texts_inside_the_json_are_made_storable() -> None:
     rejected(propose(reply_of(tree))).error.encode()
 
 
-def test_explanations_are_kept_short() -> None:
-    """A model that rambles does not fill the records."""
-    accepted = decide(reply_of({**GOOD, "reasoning": "x" * 50_000}))
-    assert isinstance(accepted, Accepted)
-    assert len(accepted.guidance.reasoning) == MAX_EXPLANATION
-
-
-@pytest.mark.parametrize(("model", "good"), [(DecisionAnswer, GOOD), (PROPOSAL, GOOD_TREE)])
-def test_schemas_and_checks_agree(model: type[ModelAnswer], good: dict[str, object]) -> None:
-    """The schema that is sent asks for exactly the fields that are checked."""
-    document = schema(model)
-    assert list(document["properties"]) == document["required"] == list(good)
-    assert document["additionalProperties"] is False
-    model.model_validate(good)
-
-
 def test_the_decision_schema() -> None:
     """The schema as it is sent, whole."""
     assert schema(DecisionAnswer)["properties"] == {
@@ -344,23 +287,10 @@ def test_the_last_whole_answer_counts(text: str) -> None:
     assert answer.guidance.mutation_rate == 0.42
 
 
-def test_line_breaks_inside_a_tree_do_no_harm() -> None:
-    """A model that writes a tree over several lines forgets to escape them."""
-    text = '{"tree": "selector {\n\tPatrolWaypoint\n}", "target": "rare", "rationale": "c"}'
-    assert isinstance(propose(reply_of(text)), Accepted)
-
-
 def test_a_draft_before_a_cut_is_no_answer() -> None:
     """Where the tokens ran out in the middle of the last object, the model is asked again."""
     text = f"{json.dumps(DRAFT)} Better: {json.dumps(GOOD)[:40]}"
     assert rejected(decide(reply_of(text, "max_tokens"))).stage is RejectionStage.JSON
-
-
-def test_an_answer_that_was_all_thought_can_be_repaired() -> None:
-    """No text at the token limit is not a refusal: the repair asks to think less."""
-    rejection = rejected(decide(reply_of("", "max_tokens")))
-    assert rejection.stage is RejectionStage.JSON
-    assert "think much less" in rejection.error
 
 
 @pytest.mark.parametrize("text", ['{"a": 1, ' * 11_000, '{"a":"' * 16_000, "{" * MAX_ANSWER])

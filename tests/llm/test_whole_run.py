@@ -3,32 +3,25 @@
 from __future__ import annotations
 
 import json
-import shutil
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from contextlib import closing
 from dataclasses import asdict
 from pathlib import Path
-from threading import Event, Semaphore
-from typing import Any
 
 import numpy as np
 import pytest
 
-from islandgp.domain import Outcome
 from islandgp.errors import SupervisionError
-from islandgp.evaluation.base import Job
 from islandgp.evolution.loop import evolve
 from islandgp.gp.record import GenerationRecord, RunState, Step
 from islandgp.records.lines import dump
 from islandgp.running.parts import make_supervisor, run_context
-from islandgp.supervision.base import SupervisorLifecycle
 from islandgp.supervision.llm.questions import Questions
 from islandgp.supervision.replay import Replay
 from tests.composed import composed
 from tests.evolution.fake import Fake
-from tests.llm.faults import Fault, Script, every, no_faults
-from tests.llm.mock_model import MockModel
+from tests.llm.faults import Fault, every, no_faults
 from tests.llm.samples import settings as llm_settings
 from tests.llm.server import MessagesServer
 from tests.profiles import sweep
@@ -122,16 +115,6 @@ def test_a_run_with_a_fault_in_every_third_answer(tmp_path: Path) -> None:
     assert [g.phase for g in answers if g is not None].count("early_exploration") > 0
 
 
-@sweep("script", [lambda _: Fault.SERVER_ERROR, lambda _: Fault.BRACKETS], quick=1)
-def test_a_run_where_nothing_ever_works(tmp_path: Path, script: Script) -> None:
-    """A server that fails every time costs the answers, not the run."""
-    short = ("gp.generations=5", "supervisor.policy.output=text")
-    with MessagesServer(script) as server:
-        steps = live(server, tmp_path, *short)
-    assert len(steps) == 5
-    assert {g.source for s in steps if (g := s.record.guidance) is not None} == {"fallback"}
-
-
 @pytest.mark.parametrize(
     "fault",
     [Fault.CUT, *(pytest.param(f, marks=NIGHTLY) for f in (Fault.DRIP, Fault.TRUNCATED))],
@@ -180,15 +163,6 @@ def test_a_resumed_run_asks_nothing_twice(tmp_path: Path, lag: int, stop: int) -
     assert lines(replayed(tmp_path / "cut", tmp_path / "again", *overrides[:2])) == lines(complete)
 
 
-def test_a_restarted_run_asks_nothing_again(tmp_path: Path) -> None:
-    """Killed before its first checkpoint, it finds every answer it was given."""
-    with MessagesServer() as server:
-        first = live(server, tmp_path, "gp.generations=4")
-        count = len(server.requests)
-        assert lines(live(server, tmp_path, "gp.generations=4")) == lines(first)
-        assert len(server.requests) == count
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("lag", [pytest.param(1, marks=NIGHTLY), 3])
 def test_timing_never_changes_a_record(tmp_path: Path, lag: int) -> None:
@@ -203,48 +177,6 @@ def test_timing_never_changes_a_record(tmp_path: Path, lag: int) -> None:
     answers = [json.loads(line)["guidance"] for line in records[0][:-1]]
     assert [g["asked_at"] for g in answers] == [None] * lag + list(range(8 - lag))
     assert [g["source"] for g in answers] == ["none"] * lag + ["llm"] * (8 - lag)
-
-
-def test_answers_hide_behind_episodes(tmp_path: Path) -> None:
-    """With a lag of 1 the model is asked, and may answer, while episodes of the next run."""
-    evaluating, answered = Event(), Semaphore(0)
-    overlaps: list[bool] = []  # by answer: whether episodes ran meanwhile
-
-    def answer(request: Mapping[str, Any]) -> Any:
-        overlaps.append(evaluating.wait(10))
-        answered.release()
-        return MockModel()(request)
-
-    class Waits(Fake):
-        """Episodes that take as long as the two answers to the generation before them."""
-
-        def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
-            evaluating.set()
-            if 0 < self.evaluations < 8:  # the last one comes too late for advice to be of use
-                assert answered.acquire(timeout=10)
-                assert answered.acquire(timeout=10)
-            evaluating.clear()
-            self.evaluations += 1
-            return super().evaluate(jobs)
-
-        evaluations = 0
-
-    with MessagesServer(answer=answer) as server:
-        settings = composed("supervisor=llm", QUICK[0], "gp.generations=9", "supervisor.lag=1")
-        part = settings.supervisor
-        part = part.model_copy(update={"policy": {**part.policy, "base_url": server.url}})
-        supervisor = make_supervisor(settings.model_copy(update={"supervisor": part}), tmp_path)
-        assert isinstance(supervisor, SupervisorLifecycle)
-        evaluating.set()  # for the probe
-        supervisor.start()
-        evaluating.clear()
-        probes = len(overlaps)
-        while answered.acquire(blocking=False):
-            pass
-        steps = list(evolve(settings.plan(settings.make_domain()), 0, supervisor, Waits()))
-    assert len(steps) == 9
-    assert len(overlaps) == probes + 2 * 7
-    assert all(overlaps)
 
 
 @sweep(
@@ -321,15 +253,6 @@ def test_text_dialect_end_to_end(tmp_path: Path) -> None:
         last = server.requests[-1]
     assert {g.source for s in steps if (g := s.record.guidance) is not None} == {"llm"}
     assert "temperature" not in last
-
-
-def test_a_transcript_moved_elsewhere_still_replays(tmp_path: Path) -> None:
-    """It is one file that depends on no other."""
-    with MessagesServer() as server:
-        steps = live(server, tmp_path / "live", "gp.generations=3")
-    shutil.move(tmp_path / "live" / "transcript.jsonl", tmp_path / "kept.jsonl")
-    replay = replayed(tmp_path / "kept.jsonl", tmp_path / "again", "gp.generations=3")
-    assert lines(replay) == lines(steps)
 
 
 def test_the_loop_s_generator_is_not_the_network_s(tmp_path: Path) -> None:

@@ -3,15 +3,14 @@
 from __future__ import annotations
 
 from functools import cache
-from typing import Any
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydantic import TypeAdapter, ValidationError
+from pydantic import TypeAdapter
 
-from islandgp.bt.core.node import Node, depth, size, walk, within
+from islandgp.bt.core.node import depth, size
 from islandgp.errors import ConfigError
 from islandgp.running.parts import run_context
 from islandgp.scoring.generation_stats import GenerationStats
@@ -26,7 +25,7 @@ from islandgp.supervision.expert import (
 )
 from islandgp.supervision.library import Library
 from tests.composed import composed, plain
-from tests.samples import CLASSES, QUIET, snapshot, state
+from tests.samples import snapshot, state
 
 TABLE_8 = {
     Phase.EARLY_EXPLORATION: (0.40, 0.50),
@@ -175,31 +174,6 @@ def test_target(history: list[GenerationStats], target: str) -> None:
     assert choose_target(state(history), settings_of_tables()) == target
 
 
-def lives() -> list[list[GenerationStats]]:
-    """Runs of 41 generations under the paper's curriculum whose best never rises within a stage."""
-    curriculum = composed().curriculum
-    kinds: list[dict[str, Any]] = [
-        {},
-        {"complete": 1},
-        {"complete": 9},
-        {"complete": 9, "diversity": 0.2},
-        *({"complete": 1, "behaviour_counts": {name: 0}} for name in QUIET.behaviour_counts),
-    ]
-    flat = [[snapshot(g, stage=curriculum.stage(g), **kind) for g in range(41)] for kind in kinds]
-    collapsed = [snapshot(g, complete=g == 0, diversity=0.2 if g > 20 else 0.6) for g in range(41)]
-    risen = [snapshot(g, complete=3, fitness_max=1000.0 * 2**g) for g in range(41)]
-    return [*flat, collapsed, risen]
-
-
-def test_every_row_can_occur_in_a_run() -> None:
-    """Tables 6, 7 and 8: each label, objective and phase comes up under the paper's curriculum."""
-    views = [state(life[: g + 1]) for life in lives() for g in range(41)]
-    advice = [expert().advise(view, np.random.default_rng(0)) for view in views]
-    assert {a.pattern for a in advice} == set(Pattern)
-    assert {a.target for a in advice} == set(CLASSES.targets)
-    assert {a.phase for a in advice} == set(Phase)
-
-
 def test_a_new_stage_is_no_rise() -> None:
     """A best that is higher because the multipliers are is neither rapid improvement nor a rise."""
     view = state([snapshot(9, complete=3), snapshot(10, stage=1, complete=3, fitness_max=9000.0)])
@@ -251,20 +225,6 @@ def test_the_hardest_behaviours_are_the_domain_s() -> None:
     assert Expert.make(other, context()).settings.hardest == ("humanoid",)
     elsewhere = composed("supervisor=expert", "domain=cartpole").classes
     assert elsewhere.hardest == ()
-
-
-def test_hardest_names_may_be_of_other_experiments() -> None:
-    """They are passed over; behaviours that are not named follow, the last one first."""
-    all_alike = state(past(1, behaviour_counts=dict.fromkeys(WORKERS, 0)))
-    settings = settings_of_tables().model_copy(update={"hardest": ("flying", "humanoid")})
-    none = settings_of_tables().model_copy(update={"hardest": ()})
-    assert choose_target(all_alike, settings) == "humanoid"
-    assert choose_target(all_alike, none) == "clearing"
-
-
-def test_table_8_is_configured() -> None:
-    """The ranges of Table 8 are in the configuration."""
-    assert settings_of_tables().rates == TABLE_8
 
 
 @st.composite
@@ -320,45 +280,6 @@ def test_the_more_there_is_to_lose_the_lower_the_rate(
     view = state([snapshot(0, complete=complete, working=working)])
     guidance = expert().advise(view, np.random.default_rng(0))
     assert guidance.mutation_rate == pytest.approx(rate)
-
-
-@pytest.mark.parametrize("target", ["rare", "integration", "exploration"])
-def test_single_behaviours_serve_every_target(target: str) -> None:
-    """The default library has trees for behaviours alone: the rarest one has its tree."""
-    plain_expert = Expert.make(settings_of_tables(), context("library=single"))
-    for behaviour in WORKERS:
-        view = state(past(9, complete=1, behaviour_counts={behaviour: 1}))
-        name = plain_expert.pick(target, view, np.random.default_rng(0))
-        assert name == f"single_{behaviour}"
-
-
-@pytest.mark.parametrize(("target", "action"), WORKERS.items())
-def test_trees_do_what_they_are_for(target: str, action: str) -> None:
-    """A tree for a missing behaviour holds the action that shows it."""
-
-    def actions(tree: Node) -> set[str]:
-        return {node.action for node in walk(tree) if node.action}
-
-    assert all(action in actions(library().trees[n]) for n in library().targets[target])
-
-
-def test_trees_fit() -> None:
-    """Every tree of the configuration keeps the paper's limits."""
-    assert all(within(tree, composed().gp.limits) for tree in expert().library.trees.values())
-
-
-@pytest.mark.parametrize(
-    ("key", "value", "message"),
-    [
-        ("rates", {"exploitation": [0.1, 0.2]}, "missing early_exploration"),
-        ("rates", {**{p.value: [0.1, 0.2] for p in Phase}, "refinement": [0.3, 0.2]}, "refinement"),
-    ],
-)
-def test_policies_that_cannot_be(key: str, value: object, message: str) -> None:
-    """A policy without a range for each phase is refused."""
-    policy = {**plain("supervisor=expert")["supervisor"]["policy"], key: value}
-    with pytest.raises(ValidationError, match=message):
-        ExpertSettings.model_validate(policy)
 
 
 def test_ranges_of_rates_are_checked() -> None:

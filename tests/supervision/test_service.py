@@ -13,7 +13,7 @@ import pytest
 from islandgp.errors import PartError, SupervisionError
 from islandgp.evolution.loop import evolve
 from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import Guidance, SupervisorLifecycle
+from islandgp.supervision.base import Guidance
 from tests.evolution.fake import Fake
 from tests.evolution.runs import Constant, plan, run
 
@@ -43,12 +43,6 @@ class Serves(Constant):
     def close(self) -> None:
         """See `SupervisorLifecycle`."""
         self.closed += 1
-
-
-def test_what_a_service_is() -> None:
-    """Only supervisors with a lifecycle are started, counted and closed."""
-    assert isinstance(Serves(), SupervisorLifecycle)
-    assert not isinstance(Constant(), SupervisorLifecycle)
 
 
 def test_what_was_spent_is_in_each_generation_s_cost() -> None:
