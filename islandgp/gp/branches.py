@@ -8,10 +8,8 @@ exchange and change branches as units. `variation` registers them.
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Iterator, Sequence
-from itertools import islice, permutations
-from math import exp, factorial, floor, log10
+from collections.abc import Iterator
+from math import exp, floor, log10
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -40,7 +38,6 @@ from islandgp.bt.core.node import (
     sequence,
     size,
     walk,
-    within,
 )
 from islandgp.bt.core.parameters import MAX_MAGNITUDE, argument_values, leaf_of, referenced
 from islandgp.bt.core.vocabulary import Key
@@ -332,46 +329,3 @@ def branch_crossover(rng: np.random.Generator, mother: Node, father: Node, limit
         child = replace_at(mother, i, node._replace(children=children))
     fits = size(child) <= limits.max_nodes and depth(child) <= limits.max_depth
     return child if fits else mother
-
-
-def library_branches(library: Sequence[Node]) -> tuple[list[Node], list[Node]]:
-    """The guarded branch of each tree, and the most frequent last branch without a guard.
-
-    Args:
-        library: trees. Of a selector the first guarded child is its branch; any other tree is a
-            branch as a whole.
-
-    Returns:
-        The branches, each once, and a list of one fallback, or of none.
-    """
-    branches, fallbacks = [], Counter[Node]()
-    for tree in library:
-        guarded = (
-            [c for c in tree.children if c.guard] if kind_of(tree).advance_status == FAILURE else []
-        )
-        branches.append(guarded[0] if guarded else tree)
-        if guarded and not tree.children[-1].guard:
-            fallbacks[tree.children[-1]] += 1
-    return list(dict.fromkeys(branches)), [node for node, _ in fallbacks.most_common(1)]
-
-
-def priority_lists(
-    rng: np.random.Generator, library: Sequence[Node], count: int, limits: Limits
-) -> list[Node]:
-    """Selectors of the library's branches and its fallback branch, in different orders.
-
-    Args:
-        rng: draws orders if there are more than `count`; the generator is consumed.
-        library: trees.
-        count: maximum number of lists, >= 0.
-        limits: lists that exceed them are left out.
-    """
-    branches, fallback = library_branches(library)
-    n = len(branches)
-    if factorial(n) <= count:
-        orders = list(permutations(range(n)))
-    else:
-        draws = (tuple(int(k) for k in rng.permutation(n)) for _ in range(20 * count))
-        orders = list(islice(dict.fromkeys(draws), count))
-    lists = (selector(*(branches[k] for k in order), *fallback) for order in orders)
-    return [tree for tree in lists if within(tree, limits)]

@@ -29,7 +29,6 @@ from pydantic import BaseModel, Field, FiniteFloat
 
 from islandgp.bt.core.node import Node, size
 from islandgp.errors import ConfigError
-from islandgp.gp.branches import priority_lists
 from islandgp.gp.evidence import estimate
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Evaluated, Tree
@@ -45,6 +44,7 @@ from islandgp.search.breeding import (
     Pick,
     digest,
 )
+from islandgp.search.compose import priority_lists
 from islandgp.search.lexicase import Contender, contender, lexicase_draw
 from islandgp.seeding import Stream, Streams
 

@@ -21,12 +21,13 @@ from pydantic import Field
 
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node, guard_of, size, walk
-from islandgp.gp.branches import branches_of, library_branches
+from islandgp.gp.branches import branches_of
 from islandgp.gp.edits import Edit, path_text
 from islandgp.gp.record import IndividualRecord
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import Constraints, merit, violation
 from islandgp.scoring.state import PopulationState
+from islandgp.search.compose import library_branches
 from islandgp.supervision.base import GenerationView, Guidance, RunContext
 from islandgp.supervision.expert import (
     ExpertSettings,

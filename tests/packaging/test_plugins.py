@@ -45,7 +45,6 @@ PLUGINS = sorted(file.parent for file in ROOT.glob("plugins/*/pyproject.toml"))
 TREE = "selector { when batteryLevel < 40 { SeekCharger } PatrolWaypoint }"
 COMMANDS = {
     "numbers": (("tune", "--help"), 0, "Tune the thresholds of the tree in FILE with CMA-ES"),
-    "searches": (("run", "search=nsga2", "--cfg", "job"), 0, "islandgp_searches.nsga2:Nsga2"),
     "ray": (("run", "evaluator=ray", "--cfg", "job"), 0, "factory: islandgp_ray.evaluator:Ray"),
     "plans": (("run", "search=plans", "--cfg", "job"), 0, "factory: islandgp_plans.plans:Plans"),
     "editor": (("language-server", "--help"), 0, "Serve an editor over standard input and output"),

@@ -6,21 +6,67 @@ evolution adds to the library.
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import islice, permutations
+from math import factorial
 from typing import Any, ClassVar
 
 import numpy as np
 from pydantic import BaseModel, Field
 
-from islandgp.bt.core.node import Node
+from islandgp.bt.core.kinds import kind_of
+from islandgp.bt.core.node import FAILURE, Limits, Node, selector, within
 from islandgp.errors import ConfigError
-from islandgp.gp.branches import priority_lists
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Advice, Evaluated, Individual, Origin, Tree
 from islandgp.scoring.constraints import limited, merit, running_mean, violation
 from islandgp.search.base import SearchContext, SearchState
 from islandgp.seeding import Stream, Streams
+
+
+def library_branches(library: Sequence[Node]) -> tuple[list[Node], list[Node]]:
+    """The guarded branch of each tree, and the most frequent last branch without a guard.
+
+    Args:
+        library: trees. Of a selector the first guarded child is its branch; any other tree is a
+            branch as a whole.
+
+    Returns:
+        The branches, each once, and a list of one fallback, or of none.
+    """
+    branches, fallbacks = [], Counter[Node]()
+    for tree in library:
+        guarded = (
+            [c for c in tree.children if c.guard] if kind_of(tree).advance_status == FAILURE else []
+        )
+        branches.append(guarded[0] if guarded else tree)
+        if guarded and not tree.children[-1].guard:
+            fallbacks[tree.children[-1]] += 1
+    return list(dict.fromkeys(branches)), [node for node, _ in fallbacks.most_common(1)]
+
+
+def priority_lists(
+    rng: np.random.Generator, library: Sequence[Node], count: int, limits: Limits
+) -> list[Node]:
+    """Selectors of the library's branches and its fallback branch, in different orders.
+
+    Args:
+        rng: draws orders if there are more than `count`; the generator is consumed.
+        library: trees.
+        count: maximum number of lists, >= 0.
+        limits: lists that exceed them are left out.
+    """
+    branches, fallback = library_branches(library)
+    n = len(branches)
+    if factorial(n) <= count:
+        orders = list(permutations(range(n)))
+    else:
+        draws = (tuple(int(k) for k in rng.permutation(n)) for _ in range(20 * count))
+        orders = list(islice(dict.fromkeys(draws), count))
+    lists = (selector(*(branches[k] for k in order), *fallback) for order in orders)
+    return [tree for tree in lists if within(tree, limits)]
 
 
 class ComposeSettings(BaseModel, frozen=True, extra="forbid"):

@@ -10,8 +10,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from islandgp.search.nsga2 import crowded_order, crowding, ranks
 from islandgp.seeding import Streams
-from islandgp_searches.nsga2 import crowded_order, crowding, ranks
 from tests.profiles import examples
 from tests.search.searches import NO_ADVICE, evaluated, search_and_plan
 

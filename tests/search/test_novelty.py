@@ -7,8 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from islandgp.search.novelty import novelty
 from islandgp.seeding import Streams
-from islandgp_searches.novelty import novelty
 from tests.search.searches import NO_ADVICE, evaluated, generations, search_and_plan
 
 PLACES = st.lists(
