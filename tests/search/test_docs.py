@@ -92,9 +92,9 @@ def test_the_loop_runs_unchanged(capsys: pytest.CaptureFixture[str]) -> None:
     assert len(loop.splitlines()) <= 20
 
 
-@sweep("name", NAMES, quick=2)
+@sweep("name", [name for name in NAMES if name != "paper"], quick=2)
 def test_a_user_s_loop_equals_the_run(name: str) -> None:
-    """With the same seed and advice it has the individuals and outcomes of the run."""
+    """With the same seed and advice; but for the paper's search, whose rate rises in a crisis."""
     experiment = islandgp.compose(
         f"search={name}", "supervisor=baseline", "seed=3", *SMALL, "tracking=off"
     )
@@ -114,7 +114,6 @@ def test_a_user_s_loop_equals_the_run(name: str) -> None:
 
     steps = evolve(experiment.plan, 3, Constant(0.3), Serial(), search=experiment.search())
     run = [[(i.id, i.tree, i.fitness) for i in step.record.individuals] for step in steps]
-    # The paper's first rate is that of configuration, and advice follows from then on.
     assert loop == run
 
 
