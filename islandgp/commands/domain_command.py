@@ -134,7 +134,7 @@ def _check(settings: Settings, files: Sequence[str], *, strict: bool, timeout: f
     own = dict.fromkeys((*trees, *known))
     check = check_domain(settings.make_domain, trees=own, timeout=timeout)
     click.echo("\n".join(check.lines()))
-    return 1 if check.faults or (strict and check.unreached) else 0
+    return 1 if check.faults or (strict and check.unreached()) else 0
 
 
 def known_trees(settings: Settings) -> tuple[list[Node], list[str]]:

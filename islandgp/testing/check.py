@@ -14,7 +14,7 @@ import pickle
 from collections import deque
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from itertools import combinations_with_replacement, pairwise
 from math import isclose, isfinite
 from textwrap import indent
 from typing import Final
@@ -23,12 +23,7 @@ import numpy as np
 import yaml
 
 from islandgp.bt.core.language import parse
-from islandgp.bt.core.node import (
-    Limits,
-    Node,
-    leaf,
-    sequence,
-)
+from islandgp.bt.core.node import Limits, Node, ParallelArgs, leaf, sequence
 from islandgp.domain import Domain
 from islandgp.errors import TimeLimitError
 from islandgp.gp.random_trees import TreeSettings, TreeSpace, random_tree
@@ -36,6 +31,7 @@ from islandgp.resources import resource
 from islandgp.testing.episodes import (
     SEEDS,
     Promise,
+    Record,
     Survey,
     TreeRun,
     fault_text,
@@ -51,12 +47,27 @@ class Check:
     """The result of `check_domain`."""
 
     faults: dict[str, str]  # by promise that is broken
-    trees_run: int = 0  # trees whose episodes raised no exception
-    unreached: Sequence[str] = ()
-    """A line for the events, actions, keys and counters that no tree has reached, by kind."""
+    survey: Survey | None  # the episodes; None: the domain could not be made
+
+    @property
+    def trees_run(self) -> int:
+        """Number of trees whose episodes raised no exception."""
+        return len({run.tree for run in self.survey.runs}) if self.survey else 0
+
+    def unreached(self) -> list[str]:
+        """A line for the events, actions and keys of the schema that no tree has reached."""
+        return list(unreached(self.survey)) if self.survey else []
+
+    def shared(self) -> list[str]:
+        """A line for actions that seem to share a resource that they do not declare.
+
+        Two actions do if their order in a parallel changes an episode, and an action does with
+        itself if two of it at once do not do the same as one.
+        """
+        return list(_seem_shared(self.survey)) if self.survey else []
 
     def lines(self) -> Iterator[str]:
-        """A report: each promise, and what no tree has reached."""
+        """A report: each promise, what no tree has reached, and resources that seem shared."""
         for promise in Promise if self.trees_run else self.faults:
             fault = self.faults.get(promise, "")
             yield f"{'FAILED' if fault else 'ok':<6}  {promise}"
@@ -64,10 +75,14 @@ class Check:
                 yield indent(fault, " " * 8)
         if not self.trees_run:
             yield "The other promises are checked as soon as the episode of a tree runs."
-        elif self.unreached:
+            return
+        if lacking := self.unreached():
             yield f"\nNot reached by any of {self.trees_run} trees (no failure without --strict):"
-            yield from (f"  {line}" for line in self.unreached)
+            yield from (f"  {line}" for line in lacking)
             yield "A tree that reaches them can be added: islandgp domain NAME --check TREE.bt"
+        if shared := self.shared():
+            yield "\nActions that seem to share a resource; declare it as their `uses` if they do:"
+            yield from (f"  {line}" for line in shared)
 
 
 def check_domain(
@@ -96,7 +111,7 @@ def check_domain(
         survey = Survey(make(), timeout)
         _run_trees(survey, trees, random_trees, grown_trees, more_episodes)
     except (Exception, SystemExit) as error:  # any exception of a domain is a fault
-        return Check({str(Promise.RUNS): fault_text(error)})
+        return Check({str(Promise.RUNS): fault_text(error)}, None)
     found: dict[str, str] = {}
     if crashes := list(survey.crashes.values())[:MAX_FAULTS]:
         lines = (
@@ -116,9 +131,7 @@ def check_domain(
     for run in survey.runs:
         for promise, fault in (*_of_outcomes(survey, run), *run.record.faults.items()):
             found.setdefault(promise, fault)
-    ordered = {str(promise): found[promise] for promise in Promise if promise in found}
-    lacking = [*unreached(survey)] if survey.runs else []
-    return Check(ordered, len({run.tree for run in survey.runs}), lacking)
+    return Check({str(promise): found[promise] for promise in Promise if promise in found}, survey)
 
 
 def _run_trees(
@@ -166,6 +179,30 @@ def _grow(survey: Survey, actions: Sequence[Node], most: int) -> None:
                 waiting.append(longer)
             reached |= run.record.firsts()
             states |= run.record.states
+
+
+def _seem_shared(survey: Survey) -> Iterator[str]:
+    actions = survey.domain.schema.vocabulary.actions
+    acting = [name for name, action in actions.items() if not action.condition]
+
+    def ticks(tree: Node) -> list[Hashable]:
+        record = Record(tree, survey.domain.schema)
+        try:
+            survey.episode(tree, SEEDS[0], {}, record)
+        except (Exception, SystemExit):  # it is among the faults
+            return []
+        return record.first_ticks
+
+    for one, other in combinations_with_replacement(acting, 2):
+        if {*actions[one].uses} & {*actions[other].uses}:
+            continue
+        first, second = leaf(one), leaf(other)
+        both = Node("parallel", ParallelArgs("all", "all"), (first, second))
+        swapped = first if one == other else both._replace(children=(second, first))
+        before = dict.fromkeys((*actions[one].after, *actions[other].after))
+        prepared = [leaf(name) for name in before]
+        if ticks(sequence(*prepared, both)) != ticks(sequence(*prepared, swapped)):
+            yield f"{one} with itself" if one == other else f"{one} and {other}"
 
 
 def _other_outcome(survey: Survey, domain: Domain) -> str:

@@ -17,6 +17,7 @@ from islandgp.plugin import raised_in
 from islandgp.time_limit import TimeLimit
 
 SEEDS: Final = (0, 1, 2**32 - 1)  # of the worlds of all trees
+FIRST_TICKS: Final = 500  # that are compared for effects of two actions on each other
 FRAMES: Final = 3  # ticks whose frames are checked
 PNG: Final = b"\x89PNG\r\n\x1a\n"
 
@@ -143,6 +144,7 @@ class Record(Observer):
         self.statuses: set[tuple[str, int]] = set()  # action and status at the end of a tick
         self.states: set[Hashable] = set()  # values of all flags together
         self.ticks = 0
+        self.first_ticks: list[Hashable] = []  # blackboards, with the things that move
         self.ends: dict[str, tuple[float, float]] = {}  # least and greatest value by key
         self.points = dict.fromkeys(schema.components, 0.0)
         self.credited: Counter[str] = Counter()
@@ -183,6 +185,8 @@ class Record(Observer):
             self._look_at_board(now)
         if scene is not None:
             self._look_at_scene(scene)
+        if self.ticks <= FIRST_TICKS:
+            self.first_ticks.append((now, getattr(scene, "movers", ())))
 
     def _look_at_board(self, board: tuple[float, ...]) -> None:
         keys = self._schema.vocabulary.keys
