@@ -121,7 +121,7 @@ class Tree:
         if step_s is not None and not (is_number(step_s) and step_s > 0):
             raise DomainError(f"Expected seconds above 0 as step_s, found {short_repr(step_s)}.")
         sources = {"action": leaves, "key": leaves if keys is None else keys}
-        if faults := dict.fromkeys([*self._faults(sources), *self._unknown(sources)]):
+        if faults := dict.fromkeys(self._faults(sources)):
             lines = "".join(f"\n  {fault}" for fault in faults)
             raise DomainError(
                 f"Expected a function for each action and a value for each key of {self.name},"
@@ -131,35 +131,23 @@ class Tree:
         return RobotTree(self, functions, sources["key"], step_s)
 
     def _faults(self, sources: Mapping[str, object]) -> Iterator[str]:
-        """A line for each action or key that is missing or cannot be called."""
-        for args in dict.fromkeys(self.leaves()):
-            entry = _entry(sources["action"], args.name)
+        """A line for each action or key that is missing, cannot be called, or is unknown."""
+        actions = [("action", args.name, arguments_of(args, self.words)) for args in self.leaves()]
+        for kind, name, arguments in [*actions, *(("key", key, {}) for key in self.inputs())]:
+            entry = _entry(sources[kind], name)
             if entry is None:
-                yield f"nothing for the action {args.name}"
-            elif reason := _uncallable(entry, arguments_of(args, self.words)):
-                yield f"for the action {args.name}, {reason}{defined_in(entry)}"
-        for key in self.inputs():
-            entry = _entry(sources["key"], key)
-            if entry is None:
-                yield f"nothing for the key {key}"
-            elif callable(entry) and (reason := _uncallable(entry, {})):
-                yield f"for the key {key}, {reason}{defined_in(entry)}"
-
-    def _unknown(self, sources: Mapping[str, object]) -> Iterator[str]:
-        """A line for each name that is not in the vocabulary."""
-        vocabulary = self.vocabulary
-        if vocabulary is None:
-            return
-        declared = {"action": {*vocabulary.actions}, "key": {*vocabulary.keys}}
-        if sources["action"] is sources["key"]:
-            declared["action"] = declared["key"] = {*vocabulary.actions, *vocabulary.keys}
-        distinct = {id(source): (source, kind) for kind, source in sources.items()}
-        for source, kind in distinct.values():
+                yield f"nothing for the {kind} {name}"
+            elif (reason := _uncallable(entry, arguments)) and (
+                callable(entry) or kind == "action"
+            ):
+                yield f"for the {kind} {name}, {reason}{defined_in(entry)}"
+        known = {*self.words.actions, *self.words.keys}
+        for source in sources.values() if known else ():
             for name in source if isinstance(source, Mapping) else ():
-                if name not in declared[kind]:
-                    near = closest(str(name), declared[kind])
+                if name not in known:
+                    near = closest(str(name), known)
                     hint = f"; perhaps {near} is meant" if near else ""
-                    domain = vocabulary.domain
+                    domain = self.words.domain
                     yield f"{short_repr(name)}, which is not in the domain {domain}{hint}"
 
 

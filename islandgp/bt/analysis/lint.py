@@ -18,7 +18,6 @@ from islandgp.bt.analysis.context import (
     abort_effects,
     child_contexts,
     contradictions,
-    dead_end,
     never,
     root_context,
 )
@@ -26,11 +25,12 @@ from islandgp.bt.analysis.satisfiability import Conditions, excludes, implies, k
 from islandgp.bt.analysis.simplify import (
     double_inverter,
     holds_anyway,
+    never_gets_there,
     shorter_condition,
     whole_numbers,
 )
 from islandgp.bt.core.condition import Condition
-from islandgp.bt.core.kinds import advance_status, kind_of
+from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.language import SourceSpan, parse_placed
 from islandgp.bt.core.node import FAILURE, Node, ParallelArgs, Place, size, walk
 from islandgp.bt.core.printer import condition_text, head
@@ -170,7 +170,9 @@ def _about(place: _Context, at: int) -> Iterator[tuple[int, str, str]]:
     node, context, _ = place
     kind = kind_of(node)
     if kind.advance_status is not None:
-        yield from _never_goes_on(node, context, at)
+        if rewrite := never_gets_there(node, context):
+            place_of_next = at + 1 + sum(map(size, rewrite[0].children))
+            yield place_of_next, "unreachable", f"this branch can never run: {rewrite[1]}"
     elif kind.inverts and (rewrite := double_inverter(node, context)):
         yield at, "double-inverter", rewrite[1]
     elif isinstance(node.args, ParallelArgs):
@@ -187,17 +189,6 @@ def _about(place: _Context, at: int) -> Iterator[tuple[int, str, str]]:
                 needs = f"it needs {condition_text(needed)}, but {reason}"
                 yield at, "never-succeeds", f"{node.action} can never succeed here: {needs}"
                 return
-
-
-def _never_goes_on(node: Node, context: NodeContext, at: int) -> Iterator[tuple[int, str, str]]:
-    index = dead_end(node, context)
-    if index is not None:
-        verb = "fails" if advance_status(node) == FAILURE else "succeeds"
-        message = (
-            f"this branch can never run: {head(node.children[index])} before it never {verb},"
-            f" so the {node.kind} never reaches it"
-        )
-        yield at + 1 + sum(map(size, node.children[: index + 1])), "unreachable", message
 
 
 def _guard(place: _Context, at: int) -> Iterator[tuple[int, str, str]]:

@@ -9,6 +9,7 @@ add nor remove a guard that a composite observes while a later branch runs.
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import lru_cache
 from typing import Final, NamedTuple, TypeAlias
 
 from islandgp.bt.analysis.context import (
@@ -26,7 +27,7 @@ from islandgp.bt.analysis.context import (
     root_context,
     without_interrupts,
 )
-from islandgp.bt.analysis.satisfiability import Conditions, shortened, without_decimals
+from islandgp.bt.analysis.satisfiability import shortened, without_decimals
 from islandgp.bt.core.kind import NodeKind
 from islandgp.bt.core.kinds import KINDS, REPEATS, advance_status, kind_of
 from islandgp.bt.core.node import (
@@ -87,7 +88,7 @@ def _only_child(node: Node, context: NodeContext) -> Rewrite:
     return moved, f"{head(node)} has one child"
 
 
-def _never_gets_there(node: Node, context: NodeContext) -> Rewrite:
+def never_gets_there(node: Node, context: NodeContext) -> Rewrite:
     index = dead_end(node, context)
     if index is None:
         return None
@@ -223,7 +224,7 @@ def _needless_abort(node: Node, context: NodeContext) -> Rewrite:
 def _rules(kind: NodeKind) -> tuple[Callable[[Node, NodeContext], Rewrite], ...]:
     """The rules for the nodes of a kind, in the order of their application."""
     if kind.advance_status is not None:
-        return (_only_child, _never_gets_there, _idle_branch, _same_inside)
+        return (_only_child, never_gets_there, _idle_branch, _same_inside)
     if kind.args is GuardArgs:
         return (holds_anyway, _guard_twice, shorter_condition, whole_numbers, _needless_abort)
     if kind.counts is not None:
@@ -237,12 +238,7 @@ def _rules(kind: NodeKind) -> tuple[Callable[[Node, NodeContext], Rewrite], ...]
 
 RULES: Final = {name: _rules(kind) for name, kind in KINDS.items()}
 
-Place: TypeAlias = tuple[Node, Conditions, Conditions, Conditions | None, frozenset[str]]
-"""A node with its context, without the vocabulary."""
-
-MAX_SHORT: Final = 20_000  # most nodes in this cache
-_short: tuple[Vocabulary, set[Place]] = (EMPTY_VOCABULARY, set())
-"""The last vocabulary, and nodes that no rule applies to; trees of a search share most branches."""
+MAX_VISITS: Final = 20_000  # entries of a cache; trees of a search share most branches
 
 
 class Simplified(NamedTuple):
@@ -259,22 +255,18 @@ def simplify(tree: Node, vocabulary: Vocabulary = EMPTY_VOCABULARY) -> Simplifie
         tree: the root.
         vocabulary: its declarations of actions and keys allow more rewrites.
     """
-    global _short
-    if _short[0] is not vocabulary or len(_short[1]) > MAX_SHORT:
-        _short = vocabulary, set()
-    short, reasons = _short[1], list[str]()
+    reasons: list[str] = []
     while True:
-        before = len(reasons)
-        tree = _visit(tree, root_context(tree, vocabulary), reasons, short)
-        if len(reasons) == before:
+        tree, new = _visit(tree, root_context(tree, vocabulary))
+        if not new:
             return Simplified(tree, tuple(reasons))
+        reasons += new
 
 
-def _visit(node: Node, context: NodeContext, reasons: list[str], short: set[Place]) -> Node:
+@lru_cache(MAX_VISITS)
+def _visit(node: Node, context: NodeContext) -> tuple[Node, tuple[str, ...]]:
     """Rewrites nodes from the root down, so the context of a node stays valid."""
-    before, place = len(reasons), (node, *context[:3], context.written)
-    if place in short:
-        return node
+    reasons: list[str] = []
     while (rewrite := _first(node, context)) is not None:
         node, reason = rewrite
         reasons.append(reason)
@@ -282,14 +274,13 @@ def _visit(node: Node, context: NodeContext, reasons: list[str], short: set[Plac
     for index, child in enumerate(node.children):
         if not child.children:
             continue  # no rule applies to a leaf
-        shorter_child = _visit(child, contexts[index], reasons, short)
-        if shorter_child is not child:
+        shorter_child, new = _visit(child, contexts[index])
+        if new:
+            reasons += new
             children = (*node.children[:index], shorter_child, *node.children[index + 1 :])
             node = node._replace(children=children)
             contexts = child_contexts(node, context)
-    if len(reasons) == before:
-        short.add(place)
-    return node
+    return node, tuple(reasons)
 
 
 def _first(node: Node, context: NodeContext) -> Rewrite:

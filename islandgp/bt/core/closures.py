@@ -179,26 +179,15 @@ def parallel(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
     return tick
 
 
-def inverter(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
-    """Swaps success and failure."""
-    child, _ = compiler.child(node, observed)
-
-    def tick(fresh: bool) -> int:
-        status = child(fresh)
-        return status if status >= RUNNING else SUCCESS - status
-
-    return tick
-
-
-def forced(end: int) -> Maker:
-    """Ends with one status however the child ends."""
+def ending(ends: tuple[int, int]) -> Maker:
+    """Ends with the first of two statuses when its child fails, else with the second."""
 
     def make(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
         child, _ = compiler.child(node, observed)
 
         def tick(fresh: bool) -> int:
             status = child(fresh)
-            return status if status >= RUNNING else end
+            return status if status >= RUNNING else ends[status]
 
         return tick
 

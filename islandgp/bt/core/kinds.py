@@ -115,7 +115,7 @@ KINDS: Final[dict[str, NodeKind]] = {
     "inverter": NodeKind(
         paper=True,
         meaning="turns success into failure and failure into success",
-        tick=closures.inverter,
+        tick=closures.ending((SUCCESS, FAILURE)),
         look=Look("\N{NOT SIGN}", "red", "#fbe3d6", "#d55e00"),
         ends=(SUCCESS, FAILURE),
         stock=Target("Inverter", (), "Inverter('inverter', child="),
@@ -147,14 +147,14 @@ KINDS: Final[dict[str, NodeKind]] = {
     ),
     "force_success": NodeKind(
         meaning="turns failure into success",
-        tick=closures.forced(SUCCESS),
+        tick=closures.ending((SUCCESS, SUCCESS)),
         look=Look("\N{CHECK MARK}", "green", "#e3f3df", "#3f7f2f"),
         ends=(SUCCESS, SUCCESS),
         stock=Target("ForceSuccess", (), "FailureIsSuccess('force_success', child="),
     ),
     "force_failure": NodeKind(
         meaning="turns success into failure",
-        tick=closures.forced(FAILURE),
+        tick=closures.ending((FAILURE, FAILURE)),
         look=Look("\N{BALLOT X}", "red", "#fbe0e0", "#b02f2f"),
         ends=(FAILURE, FAILURE),
         stock=Target("ForceFailure", (), "SuccessIsFailure('force_failure', child="),
