@@ -42,7 +42,7 @@ from islandgp.bt.core.printer import Named, condition_text, number_text
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Action, Key, Vocabulary
 from islandgp.bt.export.import_cpp import READERS
 from islandgp.bt.export.scripts import NOT_A_NUMBER
-from islandgp.bt.export.tree_writer import HEADER, TreeWriter, check_kinds, own_nodes
+from islandgp.bt.export.tree_writer import HEADER, TreeWriter, own_nodes
 from islandgp.errors import DomainError
 
 TREE_ID: Final = "Robot"
@@ -64,7 +64,6 @@ def to_xml(tree: Node, vocabulary: Vocabulary = EMPTY_VOCABULARY) -> str:
         DomainError: an action has the name of a node of the library, an argument has a name that
             a port cannot have, or the tree has a kind without an equivalent node.
     """
-    check_kinds(tree, {"cooldown"})
     actions = sorted({node.action for node in walk(tree) if node.action})
     if taken := BUILT_IN.intersection(actions):
         raise DomainError(
@@ -133,6 +132,9 @@ class _XmlWriter(TreeWriter):
         super().__init__(vocabulary, reserved)
         self.ours: set[Target] = set()  # nodes of our header
 
+    def has(self, target: Target) -> bool:
+        return bool(target.tag)
+
     def differs(self, node: Node) -> bool:
         match node.args:
             case _ if node.kind in NAV2:
@@ -175,7 +177,7 @@ class _XmlWriter(TreeWriter):
             check = _element("ScriptCondition", {"code": _script(_quoted(node.args.condition))})
             tag = "ReactiveSequence" if node.args.checks_itself else "Sequence"
             return _element(tag, {}, [*check, *inside])
-        assert target is not None  # as check_kinds says
+        assert target is not None  # as only a `when` has none
         self.ours |= {target} if target.category else set()
         return _element(target.tag, _attributes(node, target), inside)
 

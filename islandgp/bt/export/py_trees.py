@@ -17,7 +17,7 @@ from typing import Final
 
 from islandgp.bt.core.arithmetic import Formula, divide, python
 from islandgp.bt.core.condition import Compound, Condition, ConditionExpr, terms
-from islandgp.bt.core.kinds import NAV2
+from islandgp.bt.core.kind import Target
 from islandgp.bt.core.language import to_text
 from islandgp.bt.core.node import (
     ActionArgs,
@@ -35,7 +35,7 @@ from islandgp.bt.core.node import (
 from islandgp.bt.core.parameters import bound, referenced
 from islandgp.bt.core.printer import Named, condition_text, head, number_text
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
-from islandgp.bt.export.tree_writer import TreeWriter, check_kinds, own_nodes
+from islandgp.bt.export.tree_writer import TreeWriter, own_nodes
 from islandgp.errors import DomainError
 
 _SUBTREE: Final = '''def {name}(action, step_s):
@@ -51,7 +51,6 @@ def to_python(tree: Node, vocabulary: Vocabulary = EMPTY_VOCABULARY) -> str:
 
     Each named subtree becomes a separate function.
     """
-    check_kinds(tree, {"cooldown", *NAV2})
     leaves = (node.args for node in walk(tree) if isinstance(node.args, ActionArgs))
     values = (value for args in leaves for _, value in args.values)
     if given := {key for value in values if (key := referenced(value)) in vocabulary.keys}:
@@ -101,6 +100,9 @@ def _node_source() -> str:
 
 class _PythonWriter(TreeWriter):
     """Writes calls of classes, each with a comma behind it."""
+
+    def has(self, target: Target) -> bool:
+        return bool(target.python)
 
     def differs(self, node: Node) -> bool:
         match node.args:

@@ -15,7 +15,7 @@ from typing import Final
 from islandgp.bt.analysis.context import has_interrupting_guard
 from islandgp.bt.core.kind import Target
 from islandgp.bt.core.kinds import kind_of
-from islandgp.bt.core.node import Node, marks_of, walk
+from islandgp.bt.core.node import Node, marks_of
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import DomainError
 
@@ -63,7 +63,11 @@ class TreeWriter(ABC):
         return [self.node(child, observed=each) for child, each in pairs]
 
     def target(self, node: Node, observed: bool) -> Target | None:
-        """The node of the library, or ours; None for a `when` whose meaning the library has."""
+        """The node of the library, or ours; None for a `when` whose meaning the library has.
+
+        Raises:
+            DomainError: there is neither for the kind.
+        """
         kind = kind_of(node)
         if kind.remembers_branch:
             is_ours = any(map(has_interrupting_guard, node.children[:-1]))
@@ -71,7 +75,17 @@ class TreeWriter(ABC):
             is_ours = observed or has_interrupting_guard(node) or self.differs(node)
         else:
             is_ours = kind.stock is None or self.differs(node)
-        return kind.ours if is_ours else kind.stock
+        target = kind.ours if is_ours else kind.stock
+        if not node.guard and not (target and self.has(target)):
+            raise DomainError(
+                f"Expected a tree without {node.kind}, for which the library has no node; run it in"
+                " Python (load_tree) or by a plug-in such as that of ROS."
+            )
+        return target
+
+    @abstractmethod
+    def has(self, target: Target) -> bool:
+        """True if the library, or our nodes for it, have the node."""
 
     @abstractmethod
     def differs(self, node: Node) -> bool:
@@ -88,15 +102,6 @@ class TreeWriter(ABC):
     @abstractmethod
     def comments(self, texts: Sequence[str]) -> list[str]:
         """The lines of comments."""
-
-
-def check_kinds(tree: Node, rejected_kinds: Iterable[str]) -> None:
-    """Raises DomainError for a tree with one of these kinds."""
-    if missing := {node.kind for node in walk(tree)}.intersection(rejected_kinds):
-        raise DomainError(
-            f"Expected a tree without {min(missing)}, for which the library has no node; run it in"
-            " Python (load_tree) or by a plug-in such as that of ROS."
-        )
 
 
 def fresh_name(name: str, taken: set[str]) -> str:
