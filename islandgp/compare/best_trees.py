@@ -11,10 +11,10 @@ from typing import TYPE_CHECKING, Any, Final
 from islandgp.compare.champions import (
     Make,
     in_worlds,
+    library_trees,
     perturbed_problem,
     summarised,
 )
-from islandgp.compare.library import reference_trees
 from islandgp.errors import ConfigError, RunError
 from islandgp.evaluation.base import Problem
 from islandgp.evolution.candidates import Candidate, CandidatesByFitness
@@ -93,7 +93,7 @@ def best_trees(runs: Sequence[RunFolder], make: Make, tier: str, worlds: int) ->
             contenders, race, evaluator, stage, classes, episodes=episodes, constraints=constraints
         )
     names = _names(runs, [candidate for candidate, _ in finalists[:3]])
-    library = {tree: f"library: {name}" for name, tree in reference_trees(config).items()}
+    library = library_trees(config, for_targets=False)
     labels = library | names
     order = [*names, *(tree for tree in library if tree not in names)]
     problems = problem, perturbed_problem(config)

@@ -9,21 +9,22 @@ too: a supervisor may inject trees that are good without evolution.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from typing import TYPE_CHECKING, Any
 
 from pydantic import ValidationError
 
-from islandgp.compare import library
+from islandgp.bt.core.language import to_text
 from islandgp.compare.arms import Run
 from islandgp.compare.comparable import Comparison
 from islandgp.compare.measures import POINTS, Measure
-from islandgp.errors import RunError, StudyError, UntrustedError
+from islandgp.errors import ConfigError, RunError, StudyError, TreeError, UntrustedError, brief
 from islandgp.evaluation.base import Evaluator, Problem, evaluated
 from islandgp.evolution.validation import validation_seeds
 from islandgp.scoring.classes import Classes, tiers
 from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, violation
 from islandgp.seeding import Stream
+from islandgp.supervision.library import LibrarySettings, library_folder, read_library
 
 if TYPE_CHECKING:
     from pandas import DataFrame  # type: ignore[import-untyped] # its stubs are a package apart
@@ -43,16 +44,33 @@ def unseen_worlds(study: Comparison, n: int) -> tuple[int, ...]:
     return validation_seeds(0, used, n, Stream.UNSEEN)
 
 
-def library_trees(study: Comparison) -> dict[str, str]:
-    """Canonical texts of the library's trees by name: its reference trees, those for targets.
+def library_trees(config: Mapping[str, Any], *, for_targets: bool = True) -> dict[str, str]:
+    """The names of a run's reference trees by their canonical text, and then those for targets.
 
-    Names contain a colon, unlike those of arms.
+    Names contain a colon, unlike those of arms. {} if the run had no folder of trees, or if the
+    folder, one of these trees or the domain is not here.
+
+    Raises:
+        RunError: the run's settings are not of this version.
     """
-    trees: dict[str, str] = {}
-    for arm in study.arms:
-        for name, text in library.library_trees(arm.runs[0].config).items():
-            trees.setdefault(text, f"library: {name}")
-    return {name: text for text, name in trees.items()}
+    try:
+        settings = LibrarySettings.model_validate(config["library"])
+    except ValidationError as error:
+        raise RunError(
+            f"Expected settings of this version in a run's configuration, found {brief(error)};"
+            " look at the run with the version that its about.json names, or repeat its command."
+        ) from None
+    names = [*settings.reference_trees]
+    names += [name for each in settings.trees.values() for name in each] if for_targets else []
+    if settings.folder is None:
+        return {}
+    with suppress(RunError, ConfigError, TreeError):
+        domain = Problem.recorded(config).domain
+        folder, classes = library_folder(settings.folder, domain), Classes(**config["classes"])
+        library = read_library(settings, folder, domain.schema.vocabulary, classes)
+        texts = {to_text(library.trees[name]): f"library: {name}" for name in reversed(names)}
+        return dict(reversed(texts.items()))
+    return {}
 
 
 def in_worlds(
@@ -130,7 +148,7 @@ def evaluate_champions(
         study: the comparison.
         make: creates an evaluator.
         worlds: number of world seeds.
-        trees: texts of further trees by name.
+        trees: names of further trees by text.
 
     Returns:
         A row per tree and task, as `summarised`, with `arm` (or the tree's name), `run` and `seed`
@@ -144,7 +162,7 @@ def evaluate_champions(
 
     seeds = unseen_worlds(study, worlds)
     robots = study.runs.reset_index()[["arm", "run", "seed", "tree"]]
-    others = DataFrame({"arm": [*trees], "tree": [*trees.values()]})
+    others = DataFrame({"arm": [*trees.values()], "tree": [*trees]})
     everyone = concat([robots, others], ignore_index=True)
     texts = [*everyone["tree"].unique()]
     results = []
@@ -169,11 +187,9 @@ def problem_of(run: Run) -> Problem:
     except UntrustedError:
         raise
     except RunError as error:
-        cause = error.__cause__
-        message = cause.errors()[0]["msg"] if isinstance(cause, ValidationError) else error
         raise StudyError(
             f"Expected to find the domain {run.flat['domain.factory']} here, found"
-            f" {message}; install it, or leave the unseen worlds out with"
+            f" {brief(error)}; install it, or leave the unseen worlds out with"
             " --worlds 0."
         ) from error
 

@@ -170,7 +170,7 @@ def adjust(rows: DataFrame) -> DataFrame:
     )
 
 
-def finding(rows: DataFrame, key: str, arms: tuple[str, str]) -> Row:
+def row_of(rows: DataFrame, key: str, arms: tuple[str, str]) -> Row:
     """The row of a measure and a pair of arms, which must exist."""
     found = rows[
         (rows["measure"] == key) & (rows["first"] == arms[0]) & (rows["second"] == arms[1])

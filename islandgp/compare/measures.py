@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
 
 from islandgp.compare.arms import Arm, Run
-from islandgp.compare.library import library_names
 from islandgp.errors import RunError
 from islandgp.gp.population import Origin
 from islandgp.records.folder import RunFolder
@@ -159,7 +158,7 @@ def _read(run: Run) -> tuple[list[dict[str, Any]], dict[str, Any]]:
     folder = RunFolder(run.path)
     summary, constraints = folder.summary(), recorded_constraints(run.config)
     planned = int(run.flat["gp.population"]) * int(run.flat["gp.episodes"])
-    lineage, rows, worlds = Ancestry(run.config), list[dict[str, Any]](), set[int]()
+    lineage, rows, worlds = Ancestry(), list[dict[str, Any]](), set[int]()
     records, costs = list(folder.records()), list(folder.costs())
     if not records or len(costs) != len(records):
         raise RunError(
@@ -220,16 +219,13 @@ class Ancestry:
     An advised tree is one that a supervisor injected or edited, and that has not changed since.
     """
 
-    def __init__(self, config: Mapping[str, Any]) -> None:
-        self._config = config
+    def __init__(self) -> None:
         self._by_id: dict[str, Mapping[str, Any]] = {}
         self._heirs: set[str] = set()  # injected and edited individuals and their descendants
-        self._guidance: list[Mapping[str, Any] | None] = []  # by generation
 
     def add(self, record: Mapping[str, Any]) -> dict[str, bool]:
         """Add a generation; returns by tier whether it has an individual that is not advised."""
         individuals = record["individuals"]
-        self._guidance.append(record["guidance"])
         self._by_id |= {i["id"]: i for i in individuals}
         self._heirs |= {
             i["id"]
@@ -250,20 +246,11 @@ class Ancestry:
         return i
 
     def origin_of_best(self, champion: Mapping[str, Any]) -> str:
-        """The source of a run's best robot; an unchanged copy has that of the original.
-
-        An injected tree has the name of its library file, or that of the supervisor that wrote it.
-        """
+        """The source of a run's best robot; an unchanged copy has that of the original."""
         record = champion["record"]
         i = self._source(self._by_id.get(record["id"], record))
-        if i["origin"] == Origin.INJECTED and advised(i):
-            generation = int(i["id"].partition(".")[0])
-            guidance = (self._guidance[generation - 1] if generation else None) or {}
-            tree = guidance.get("tree") or i["tree"]
-            writer = guidance["source"] if guidance.get("tree") else "no supervisor"
-            return f"injected, unchanged: {library_names(self._config).get(tree, writer)}"
-        if i["origin"] == Origin.EDITED and advised(i):
-            return "edited by the supervisor"
+        if advised(i):
+            return "injected" if i["origin"] == Origin.INJECTED else "edited by the supervisor"
         if i["id"] in self._heirs:
             return "bred, with an advised ancestor"
         return "a random tree" if i["origin"] == Origin.RANDOM and not i["mutation"] else "bred"

@@ -10,32 +10,11 @@ from math import isnan
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
-from islandgp.compare import figures, tables
+from islandgp.compare import champions, figures, findings, tables
 from islandgp.compare.arms import arms_of_sweep, find, in_short, select_arms
-from islandgp.compare.champions import (
-    Make,
-    champion_keys,
-    evaluate_champions,
-    library_trees,
-    with_champions,
-)
 from islandgp.compare.comparable import Comparison, compare_arms, shared_seeds
-from islandgp.compare.findings import (
-    DEFAULT_PLAN,
-    FIRST,
-    AnalysisPlan,
-    Row,
-    check_plan,
-    decisive,
-    effects,
-    examine_all,
-    factors,
-    finding,
-    parse_plan,
-    verdict,
-)
+from islandgp.compare.findings import DEFAULT_PLAN, AnalysisPlan, Row
 from islandgp.compare.measures import COSTS, MEAN_MAX, POINTS, Measure, training_measures
-from islandgp.compare.table import probability
 from islandgp.records.parameters import short_key
 from islandgp.statistics import LEVEL, UNTESTED, detectable_shift, least_p
 
@@ -87,7 +66,7 @@ class Report:
     @property
     def question(self) -> str:
         """What the comparison asks."""
-        keys = factors(self.study)
+        keys = findings.factors(self.study)
         if not keys:
             return f"How do {' and '.join(self.study.names)} differ?"
         names = " and ".join(short_key(key, keys).removesuffix(".name") for key in keys)
@@ -105,20 +84,22 @@ class Report:
         more = [
             m.key for m in self.measures if (m.emergence and m.main) or m.key.startswith("unseen")
         ]
-        chosen = [finding(self.rows, self.endpoint.key, pair) for pair in pairs]
-        chosen += [finding(self.rows, key, pairs[0]) for key in more if key != self.endpoint.key]
+        chosen = [findings.row_of(self.rows, self.endpoint.key, pair) for pair in pairs]
+        chosen += [
+            findings.row_of(self.rows, key, pairs[0]) for key in more if key != self.endpoint.key
+        ]
         return [self._sentence(row) for row in chosen[: max(LINES, len(pairs))]]
 
     def _sentence(self, row: Row) -> str:
         is_endpoint = row["measure"] == self.endpoint.key
-        planned = self.plan.primary == row["measure"] and row["family"] == FIRST
-        p, q, test = decisive(row)
-        said = verdict(row, self.plan.margins.get(row["measure"]), planned=planned)
+        planned = self.plan.primary == row["measure"] and row["family"] == findings.FIRST
+        p, q, test = findings.decisive(row)
+        said = findings.verdict(row, self.plan.margins.get(row["measure"]), planned=planned)
         start = f"{row['first']} minus {row['second']}"
         start += "" if is_endpoint else f", {row['label']}"
         if isnan(row["difference"]) or row["paired_kind"] == UNTESTED:
             return f"{start}: {said}"
-        value = f"p {probability(p)}" if planned else f"p BH {probability(q)}"
+        value = f"p {tables.probability(p)}" if planned else f"p BH {tables.probability(q)}"
         return f"{start}: {tables.estimate(row)} {row['unit']}, {value} ({test}): {said}"
 
     def screen(self, folder: Path) -> str:
@@ -157,7 +138,7 @@ class Report:
         for pairs, *n in sorted(sizes):
             least = least_p(pairs) if pairs else least_p(*n)
             text = f"With {pairs} pairs" if pairs else f"With {n[0]} and {n[1]} runs"
-            text += f", the least p of a test is {probability(least)}"
+            text += f", the least p of a test is {tables.probability(least)}"
             if least < LEVEL:
                 shift = detectable_shift(pairs) if pairs else detectable_shift(*n)
                 text += f"; it finds a shift of {shift:.2g} standard deviations with 80 % power"
@@ -167,7 +148,7 @@ class Report:
     @property
     def files(self) -> dict[str, str]:
         """The contents of the files, by name."""
-        columns = ["arm", "seed", "task", "supervisor", "name", *factors(self.study)]
+        columns = ["arm", "seed", "task", "supervisor", "name", *findings.factors(self.study)]
         columns += [*(m.key for m in self.measures), *COSTS, "validation_mean"]
         runs = self.study.runs
         frames = {
@@ -198,13 +179,13 @@ def select_study(options: CompareOptions) -> tuple[Comparison, AnalysisPlan, Pat
         StudyError: there are no such arms, they are not comparable, or the plan does not fit them.
         RunError: a run is damaged.
     """
-    plan = parse_plan(options.primary, options.margins)
+    plan = findings.parse_plan(options.primary, options.margins)
     folders = (*options.runs, *options.folders) or (Path("runs"),)
     runs = find(folders, options.name)
     arms, notes = select_arms(options.arms, runs) if options.arms else arms_of_sweep(runs)
     study = compare_arms(arms, force=options.force, notes=notes, sources=[*map(str, folders)])
-    later = champion_keys(study) if options.worlds else ()
-    check_plan(plan, [*(m.key for m in study_measures(study)), *later])
+    later = champions.champion_keys(study) if options.worlds else ()
+    findings.check_plan(plan, [*(m.key for m in study_measures(study)), *later])
     name = "-".join(study.names) if options.arms else str(study.arms[0].runs[0].config["name"])
     return study, plan, options.out or Path("study") / _file_name(name)
 
@@ -220,7 +201,7 @@ def build(
     plan: AnalysisPlan = DEFAULT_PLAN,
     *,
     worlds: int = 0,
-    make: Make | None = None,
+    make: champions.Make | None = None,
 ) -> Report:
     """Build the report.
 
@@ -236,13 +217,15 @@ def build(
     """
     tested, measures = None, study_measures(study)
     if worlds and make is not None:
-        trees = library_trees(study)
-        tested = evaluate_champions(study, make, worlds=worlds, trees=trees)
-        runs, further = with_champions(study, tested)
+        trees: dict[str, str] = {}
+        for arm in study.arms:
+            trees |= champions.library_trees(arm.runs[0].config)
+        tested = champions.evaluate_champions(study, make, worlds=worlds, trees=trees)
+        runs, further = champions.with_champions(study, tested)
         study, measures = replace(study, runs=runs), (*measures, *further)
-    check_plan(plan, [m.key for m in measures])
+    findings.check_plan(plan, [m.key for m in measures])
     requested = {plan.primary, *plan.margins}
-    rows = examine_all(study, plan, [m for m in measures if m.main or m.key in requested])
+    rows = findings.examine_all(study, plan, [m for m in measures if m.main or m.key in requested])
     report = Report(study, plan, measures, rows, tested, worlds)
     report.tables.update(_tables(report))
     report.figures["curves"] = figures.curves(study)
@@ -273,7 +256,7 @@ def _tables(report: Report) -> dict[str, DataFrame]:
         found["unseen"] = tables.unseen_table(study, report.champions)
     chosen = [m for m in report.measures if m.main and (m.emergence or m.unit == POINTS)]
     endpoint = report.endpoint
-    changes = effects(study, [endpoint, *(m for m in chosen if m != endpoint)])
+    changes = findings.effects(study, [endpoint, *(m for m in chosen if m != endpoint)])
     return found | ({"effects": tables.effects_table(changes)} if len(changes) else {})
 
 

@@ -8,7 +8,7 @@ from typing import Final
 
 import pandas as pd  # type: ignore[import-untyped] # its stubs are a package apart
 
-from islandgp.compare.table import NONE, interval, probability
+from islandgp.compare.tables import NONE, interval, probability
 from studies.comparison.aggregates import MIN_PER_WORLD
 from studies.comparison.profiles import ALL_WORLDS, ScoreRow
 from studies.pictures import Table

@@ -9,9 +9,8 @@ from pathlib import Path
 import pytest
 
 from islandgp.compare.arms import Arm, Run
-from islandgp.compare.champions import evaluate_champions
+from islandgp.compare.champions import evaluate_champions, library_trees
 from islandgp.compare.comparable import compare_arms
-from islandgp.compare.library import library_names
 from islandgp.compare.report import Report, build, to_page
 from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.errors import StudyError
@@ -112,14 +111,12 @@ def test_no_word_of_the_island_is_in_the_report(report: Report) -> None:
     assert {name for name in names if re.search(rf"\b{name.lower()}\b", text)} == set()
 
 
-def test_library_trees_have_the_names_of_the_run_s_folder(tmp_path: Path) -> None:
-    """Of the folder that the configuration names; none, or one that is gone, names nothing."""
-    (tmp_path / "mine.bt").write_text("domain island\nPatrolWaypoint\n")
-    (tmp_path / "half.bt").write_text("selector {")
-    assert library_names(config(library__folder=str(tmp_path))) == {"PatrolWaypoint\n": "mine"}
-    assert library_names(config(library__folder=None)) == {}
-    assert library_names(config(library__folder="gone")) == {}
-    assert library_names({**config(), **MAZE}) == {}
+def test_a_library_that_is_not_here_has_no_trees() -> None:
+    """A folder that is gone, none, or that of a domain that cannot be imported."""
+    assert len(library_trees(config(), for_targets=False)) == 2
+    assert library_trees(config(library__folder=None)) == {}
+    assert library_trees(config(library__folder="gone")) == {}
+    assert library_trees({**config(), **MAZE}) == {}
 
 
 ISLAND_WORDS = (

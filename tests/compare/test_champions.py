@@ -13,7 +13,6 @@ from islandgp.compare.champions import (
     with_champions,
 )
 from islandgp.compare.comparable import Comparison, compare_arms
-from islandgp.compare.library import library_names
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Job, Problem
 from islandgp.evaluation.serial import Serial
@@ -65,7 +64,7 @@ def test_every_champion_meets_the_same_unseen_worlds_in_the_last_stage() -> None
         recorders.append(Recorder(setting))
         return recorders[-1]
 
-    results = evaluate_champions(_study(), make, worlds=3, trees={"a tree": OTHER})
+    results = evaluate_champions(_study(), make, worlds=3, trees={OTHER: "a tree"})
     assert [*results["arm"]] == ["expert", "expert", "baseline", "baseline", "a tree"]
     assert [*results["seed"]][:4] == [0, 1, 0, 1]
     (recorder,) = recorders
@@ -81,8 +80,7 @@ def test_every_champion_meets_the_same_unseen_worlds_in_the_last_stage() -> None
 
 def test_every_champion_is_scored_under_every_task() -> None:
     """Rewards of 100 and 1,000 a takeover: the same episodes, other points, in a cross table."""
-    texts = {name: text for text, name in library_names(config()).items()}
-    robot = individual("0.0", tree=texts["all_rounder"])
+    robot = individual("0.0", tree=next(iter(library_trees(config()))))
     arms = [
         fake_arm(
             f"arm{base}",
@@ -141,6 +139,6 @@ def test_worlds_of_runs_are_passed_over() -> None:
 
 def test_library_trees_are_beside_the_best_robots() -> None:
     """Reference trees first, then those for targets."""
-    names = [*library_trees(_study())]
+    names = [*library_trees(config()).values()]
     assert names[:2] == ["library: all_rounder", "library: multi_behaviour"]
     assert len(names) > 2

@@ -14,8 +14,8 @@ from islandgp.compare.findings import (
     effects,
     examine_all,
     factors,
-    finding,
     parse_plan,
+    row_of,
     verdict,
 )
 from islandgp.compare.measures import FITNESS, MEAN_MAX, emergence, training_measures
@@ -56,7 +56,7 @@ def test_a_row_by_hand() -> None:
     """Means, differences of the pairs, both tests; p adjusted over the family."""
     study = _study(6, **TWO)
     rows = examine_all(study, DEFAULT_PLAN, [MEAN_MAX, emergence("complete")])
-    row = finding(rows, "mean_fitness_max", ("expert", "baseline"))
+    row = row_of(rows, "mean_fitness_max", ("expert", "baseline"))
     assert (row["mean_first"], row["mean_second"], row["difference"]) == (102.5, 52.5, 50.0)
     assert (row["difference_low"], row["difference_high"]) == (50.0, 50.0)
     assert (row["U"], row["r"]) == (36.0, -1.0)

@@ -8,7 +8,6 @@ import pytest
 
 from islandgp.compare.arms import Run
 from islandgp.compare.figures import by_run
-from islandgp.compare.library import library_names
 from islandgp.compare.measures import (
     FITNESS,
     POINTS,
@@ -20,10 +19,8 @@ from islandgp.compare.measures import (
 from islandgp.gp.record import GenerationRecord
 from islandgp.records.folder import RunFolder
 from tests.compare.fake_runs import (
-    config,
     fake_arm,
     fake_run,
-    guidance,
     individual,
     written,
 )
@@ -97,7 +94,7 @@ def test_an_advised_tree_is_no_descendant() -> None:
 
 
 OTHER = "PatrolWaypoint\n"
-(POOR,) = [text for text, name in library_names(config()).items() if name == "poor"]
+POOR = "MoveToGarbage\n"
 
 # 1.1 is injected and kept as an elite; 2.1 is its child; 3.1 is a copy of a random tree.
 POPULATIONS = [
@@ -120,27 +117,20 @@ POPULATIONS = [
 
 
 @pytest.mark.parametrize(
-    ("place", "source", "origin"),
+    ("place", "origin"),
     [
-        (0, "expert", "injected, unchanged: poor"),
-        (0, "llm", "injected, unchanged: llm"),
-        (1, "expert", "a random tree"),
-        (2, "expert", "bred"),
-        (3, "expert", "bred"),
-        (4, "expert", "bred, with an advised ancestor"),
-        (5, "expert", "bred, with an advised ancestor"),
-        (6, "expert", "edited by the supervisor"),
+        (0, "injected"),
+        (1, "a random tree"),
+        (2, "bred"),
+        (3, "bred"),
+        (4, "bred, with an advised ancestor"),
+        (5, "bred, with an advised ancestor"),
+        (6, "edited by the supervisor"),
     ],
 )
-def test_copies_are_followed_back_to_where_the_tree_arose(
-    place: int, source: str, origin: str
-) -> None:
-    """Drawn, bred, or given as it is, by the name of the library's file, or its writer."""
-    run = fake_run(
-        best=[1.0, 1, 1, 2],
-        populations=POPULATIONS,
-        guided=guidance(tree=POOR if source == "expert" else OTHER, injected=True, source=source),
-    )
+def test_copies_are_followed_back_to_where_the_tree_arose(place: int, origin: str) -> None:
+    """Drawn, bred, or given as it is."""
+    run = fake_run(best=[1.0, 1, 1, 2], populations=POPULATIONS)
     records = [*RunFolder(run.path).generations()]
     best = records[3].individuals[place]
     again = written(run.path / "again", records, run.config, champion=best)

@@ -13,8 +13,7 @@ import pytest
 from islandgp.compare.comparable import Comparison, compare_arms
 from islandgp.compare.findings import parse_plan
 from islandgp.compare.report import Report, build, to_page, write
-from islandgp.compare.table import MINUS, NONE
-from islandgp.compare.tables import unseen_table
+from islandgp.compare.tables import MINUS, NONE, unseen_table
 from islandgp.records.folder import RunFolder
 from tests.compare.fake_runs import (
     TREE,
