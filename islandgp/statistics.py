@@ -9,11 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from math import comb, nan, pi, sqrt
-from typing import Any, Final
+from statistics import fmean, stdev
+from typing import Any, Final, NamedTuple
 
 import numpy as np
-
-from islandgp.intervals import interval
 
 EXACT: Final = "exact"
 EXACT_TIES: Final = "exact, ties enumerated"
@@ -44,8 +43,7 @@ class PairedTest:
     higher: int  # pairs in which it has the higher one
 
 
-@dataclass(frozen=True, slots=True)
-class Interval:
+class Interval(NamedTuple):
     """An estimate with its 95 % interval."""
 
     estimate: float  # all three may be infinite; nan: unknown
@@ -109,8 +107,14 @@ def benjamini_hochberg(p: Sequence[float]) -> tuple[float, ...]:
 
 
 def mean_interval(values: Sequence[float]) -> Interval:
-    """The mean with Student's t interval, which is nan for a single value."""
-    return Interval(*interval(values))
+    """The mean with Student's t interval, whose ends are nan for a single value."""
+    n, mean = len(values), fmean(values)
+    if n < 2:
+        return Interval(mean, nan, nan)
+    from scipy.special import stdtrit  # type: ignore[import-untyped] # scipy ships no types
+
+    half = float(stdtrit(n - 1, 0.975)) * stdev(values) / sqrt(n)
+    return Interval(mean, mean - half, mean + half)
 
 
 def paired_difference(first: Sequence[float], second: Sequence[float]) -> Interval:
@@ -120,7 +124,7 @@ def paired_difference(first: Sequence[float], second: Sequence[float]) -> Interv
 
 def mean_difference(first: Sequence[float], second: Sequence[float]) -> Interval:
     """Mean of the first minus mean of the second, with Welch's t interval."""
-    from scipy.special import stdtrit  # type: ignore[import-untyped] # scipy ships no types
+    from scipy.special import stdtrit
 
     (a, s), (b, t) = mean_sd(first), mean_sd(second)
     x, y = s**2 / len(first), t**2 / len(second)

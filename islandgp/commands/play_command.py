@@ -16,10 +16,10 @@ from islandgp.commands.files import FILE, display_name, read_tree_text
 from islandgp.commands.options import EpisodeOptions, with_episode_options
 from islandgp.commands.tables import Column, numbers, print_table, standard_output
 from islandgp.domain import Outcome, Schema
-from islandgp.intervals import interval
 from islandgp.plain import nan_to_none
 from islandgp.scoring.classes import specialist, tiers
 from islandgp.scoring.constraints import feasible_share, in_words
+from islandgp.statistics import mean_interval
 from islandgp.text import title
 
 if TYPE_CHECKING:
@@ -125,7 +125,7 @@ def _row(own: Sequence[Outcome], first: Sequence[Outcome], settings: Settings) -
     reached = [tiers(outcome, settings.classes) for outcome in own]
     row: dict[str, Any] = {}
     for name, values in (("fitness", points), ("difference", pairs)):
-        row |= zip((name + end for end in ENDS), interval(values), strict=True)
+        row |= zip((name + end for end in ENDS), mean_interval(values), strict=True)
     row["better_in"] = sum(pair > 0 for pair in pairs)
     row["counters"] = {name: fmean(o.counters[name] for o in own) for name in own[0].counters}
     row["tiers"] = {tier: fmean(tier in t for t in reached) for tier in settings.classes.tiers}

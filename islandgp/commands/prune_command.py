@@ -21,7 +21,7 @@ from islandgp.commands.options import (
 from islandgp.commands.tables import Column, numbers, print_table
 from islandgp.evolution.prune import Keep, PruneResult, prune
 from islandgp.evolution.validation import fresh_worlds
-from islandgp.intervals import interval
+from islandgp.statistics import mean_interval
 
 
 @click.command()
@@ -92,7 +92,7 @@ def _report(result: PruneResult) -> None:
     print_table(console, columns)
     if result.front:
         console.print("\nShorter trees in fresh worlds; differences are to the original:")
-        intervals = [interval(tried.differences) for tried in result.front]
+        intervals = [mean_interval(tried.differences) for tried in result.front]
         cells = [_signed([each[end] for each in intervals]) for end in range(3)]
         chosen = ["chosen" if tried.tree == result.best else "" for tried in result.front]
         texts = [f"{a} ({b} to {c})" for a, b, c in zip(*cells, strict=True)]

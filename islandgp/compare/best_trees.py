@@ -19,12 +19,12 @@ from islandgp.errors import ConfigError, RunError
 from islandgp.evaluation.base import Problem
 from islandgp.evolution.candidates import Candidate, CandidatesByFitness
 from islandgp.evolution.validation import validate, validation_seeds
-from islandgp.intervals import interval
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import TASK
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import Constraints, recorded_constraints
 from islandgp.seeding import Stream
+from islandgp.statistics import mean_interval
 
 if TYPE_CHECKING:
     from pandas import DataFrame  # type: ignore[import-untyped] # its stubs are a package apart
@@ -107,7 +107,7 @@ def best_trees(runs: Sequence[RunFolder], make: Make, tier: str, worlds: int) ->
         (("points", "low", "high"), points),
         (("difference", "difference_low", "difference_high"), points.sub(points[order[0]], axis=0)),
     ):
-        ends = [interval(values[tree].tolist()) for tree in order]
+        ends = [mean_interval(values[tree].tolist()) for tree in order]
         rows[[*columns]] = ends
     return rows
 

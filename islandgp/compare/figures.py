@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 
 from islandgp.compare.comparable import Comparison
-from islandgp.intervals import interval
 from islandgp.scoring.curriculum import Curriculum
+from islandgp.statistics import mean_interval
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -175,7 +175,7 @@ def best_robots(study: Comparison, tested: DataFrame) -> str:
                 points = found[found["arm"] == name]["points"].tolist()
                 at = place + np.linspace(-0.25, 0.25, len(points) + 2)[1:-1]
                 axes.plot(at, points, **{**look, "linestyle": ""}, alpha=0.8)
-                mean, low, _ = interval(points)
+                mean, low, _ = mean_interval(points)
                 axes.errorbar(place, mean, yerr=mean - low, color="#222222", marker="_", capsize=4)
             axes.set_xticks([])
             axes.yaxis.set_major_formatter(THOUSANDS)

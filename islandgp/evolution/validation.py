@@ -18,7 +18,6 @@ from typing import Any, Final
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Evaluator, Job
 from islandgp.evolution.candidates import Candidate
-from islandgp.intervals import interval
 from islandgp.plain import NanAsNull
 from islandgp.scoring.classes import Classes, tiers
 from islandgp.scoring.constraints import (
@@ -31,6 +30,7 @@ from islandgp.scoring.constraints import (
 )
 from islandgp.scoring.explain import NodeUsage
 from islandgp.seeding import Stream, seed_of, stream
+from islandgp.statistics import mean_interval
 
 FINALISTS: Final = 3  # candidates of the last round
 NO_OTHERS: Final[Mapping[str, Sequence[Outcome]]] = MappingProxyType({})
@@ -196,7 +196,7 @@ def judged(
         constraints: to check.
         others: outcomes of other trees in the same worlds, by name.
     """
-    mean, low, high = interval([o.fitness for o in outcomes])
+    mean, low, high = mean_interval([o.fitness for o in outcomes])
     reached = [tiers(o, classes) for o in outcomes]
     shares = {name: fmean(name in own for own in reached) for name in classes.tiers}
     comparisons = tuple(compared(name, outcomes, other) for name, other in others.items())
@@ -210,4 +210,4 @@ def judged(
 def compared(name: str, outcomes: Sequence[Outcome], others: Sequence[Outcome]) -> TreeComparison:
     """The paired differences of outcomes to those of the tree of that name."""
     pairs = [a.fitness - b.fitness for a, b in zip(outcomes, others, strict=True)]
-    return TreeComparison(name, *interval(pairs))
+    return TreeComparison(name, *mean_interval(pairs))

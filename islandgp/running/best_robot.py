@@ -31,10 +31,10 @@ from islandgp.evolution.validation import (
     validation_seeds,
 )
 from islandgp.gp.evidence import SHRINKAGE
-from islandgp.intervals import interval
 from islandgp.records.folder import RunFolder
 from islandgp.running.report import RunTotals
 from islandgp.scoring.explain import NodeUsage, explained, usage, with_losses
+from islandgp.statistics import mean_interval
 from islandgp.supervision.library import library_folder, read_tree
 
 TEST_WORLDS = 50  # in which the best robot is tested, at most
@@ -178,7 +178,7 @@ def _tested(
 def _front(pruned: PruneResult) -> tuple[FrontTree, ...]:
     """The front with the original as plain values; () if no shorter tree was tried."""
     entries: list[tuple[Node, TreeComparison | None]] = [
-        (c.tree, TreeComparison("the longest tree", *interval(c.differences))) for c in pruned.front
+        (c.tree, TreeComparison("the longest tree", *mean_interval(c.differences))) for c in pruned.front
     ]
     return tuple(
         FrontTree(size(tree), to_text(tree), difference, tree == pruned.best)

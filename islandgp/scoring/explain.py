@@ -21,8 +21,8 @@ from islandgp.bt.core.node import (
 )
 from islandgp.bt.core.printer import with_subtrees
 from islandgp.domain import Observer, Outcome, Scene
-from islandgp.intervals import interval
 from islandgp.plain import NanAsNull
+from islandgp.statistics import mean_interval
 from islandgp.text import in_points
 
 Evaluate = Callable[[Sequence[Node], Sequence[int]], list[list[Outcome]]]
@@ -148,7 +148,7 @@ def with_losses(
     original, *outcomes = evaluate([tree, *shorter.values()], worlds)
     losses = {
         place: NodeLoss(
-            *interval([a.fitness - b.fitness for a, b in zip(original, own, strict=True)])
+            *mean_interval([a.fitness - b.fitness for a, b in zip(original, own, strict=True)])
         )
         for place, own in zip(shorter, outcomes, strict=True)
     }

@@ -14,8 +14,8 @@ from typing import Any
 
 import islandgp
 from islandgp.bt.core.node import size
-from islandgp.intervals import interval
 from islandgp.scoring.classes import tiers
+from islandgp.statistics import mean_interval
 
 RESULTS = Path(__file__).parent / "results"
 UNSEEN = range(500_000, 500_200)  # world seeds
@@ -78,7 +78,7 @@ def row(name: str, robots: Sequence[Mapping[str, Any]]) -> str:
     """A row of the table."""
     before, after = ([robot["nodes"][k] for robot in robots] for k in range(2))
     shares = [100 * robot["difference"] for robot in robots]
-    mean, low, high = interval(shares)
+    mean, low, high = mean_interval(shares)
     lost = max(robot["lost"] for robot in robots)
     return (
         f"| {name} | {len(robots)} | {fmean(before):.1f} | {fmean(after):.1f} | {max(after)}"

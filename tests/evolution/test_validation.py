@@ -22,12 +22,12 @@ from islandgp.evolution.candidates import (
 from islandgp.evolution.validation import (
     FINALISTS,
     entrants,
-    interval,
     rounds,
     validate,
     validation_seeds,
 )
 from islandgp.seeding import Stream, seed_of
+from islandgp.statistics import mean_interval
 from tests.composed import composed
 from tests.samples import outcome
 
@@ -150,14 +150,14 @@ def test_validation_worlds_trained_nobody(seed: int) -> None:
 )
 def test_interval(values: tuple[float, ...], low: float, high: float) -> None:
     """Student's t: for two values 1 apart from their mean the half width is 12.706."""
-    _, low_end, high_end = interval(values)
+    _, low_end, high_end = mean_interval(values)
     assert isclose(low_end, low, abs_tol=1e-3)
     assert isclose(high_end, high, abs_tol=1e-3)
 
 
 def test_a_single_value_has_no_interval() -> None:
     """It has a mean; the ends are nan, not a point."""
-    mean, low, high = interval([5.0])
+    mean, low, high = mean_interval([5.0])
     assert mean == 5.0
     assert isnan(low)
     assert isnan(high)

@@ -25,9 +25,9 @@ from islandgp.bt.core.node_builder import MAX_NUMBER
 from islandgp.bt.core.vocabulary import Key, Vocabulary, number
 from islandgp.errors import ConfigError
 from islandgp.gp.branches import fine
-from islandgp.intervals import interval
 from islandgp.scoring.constraints import merit
 from islandgp.seeding import Stream, seed_of
+from islandgp.statistics import mean_interval
 from islandgp_numbers.cma import Cma
 from islandgp_numbers.numbers import (
     COUNT,
@@ -384,8 +384,8 @@ def _compare(
     before, after = candidates.points([original, winner], worlds)
     differences = [b - a for a, b in zip(before, after, strict=True)]
     better = sum(difference > 0 for difference in differences)
-    gain = interval(differences)
-    return NumberComparison(len(worlds), interval(before), interval(after), gain, better)
+    gain = mean_interval(differences)
+    return NumberComparison(len(worlds), mean_interval(before), mean_interval(after), gain, better)
 
 
 def _new_worlds(seed: int) -> Iterator[int]:
