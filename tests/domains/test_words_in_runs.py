@@ -10,16 +10,15 @@ import pytest
 import islandgp
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Limits
-from islandgp.evaluation.base import Job, simulate
+from islandgp.evaluation.base import Job, Problem, simulate
 from islandgp.evolution.loop import evolve
 from islandgp.experiment import Experiment
 from islandgp.gp.edits import Edit, edited
 from islandgp.gp.record import RunState, Step
 from islandgp.records.checkpoint import read_checkpoint, save_state
-from islandgp.records.files import PAGE
 from islandgp.records.folder import RunFolder
 from islandgp.running.parts import make_evaluator, make_search
-from islandgp.viewer.run_page import embedded_replay
+from islandgp.viewer.page_file import champion_replay
 from tests.domains.courier import SCHEMA
 from tests.evolution.runs import Constant, lines
 
@@ -97,7 +96,7 @@ def test_supervised_runs_end_with_a_robot_that_delivers(conf: Path, supervisor: 
     (row,) = results.runs.to_dict("records")
     assert row["validation_mean"] > 0
     folder = RunFolder(results.path / str(row["run"]))
-    assert "<html" in embedded_replay((folder.path / PAGE).read_text(encoding="utf-8"))
+    assert "<html" in champion_replay(folder, Problem.recorded(folder.configuration()))
 
 
 def test_an_episode_of_a_text_is_that_of_its_tree(conf: Path) -> None:
