@@ -64,13 +64,8 @@ def _runs(store: Store, server: str) -> dict[str, tuple[str, str]]:
     base = f"{server}/#/experiments/{store.experiment}/runs"
     runs = store.client.search_runs([store.experiment])
     parent = next(r.info.run_id for r in runs if r.data.tags.get("kind") == "sweep")
-    best = max(
-        (r for r in runs if "run/fitness_max" in r.data.metrics),
-        key=lambda r: r.data.metrics["run/fitness_max"],
-    )
     return {
         "sweep": (f"{base}/{parent}?{ml}", "Description"),
-        "replay": (f"{base}/{best.info.run_id}/artifacts/replay.html?{ml}", "replay.html"),
     }
 
 

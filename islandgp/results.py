@@ -12,7 +12,7 @@ other columns.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import chain, repeat
@@ -54,12 +54,17 @@ class Results:
     @cached_property
     def generations(self) -> DataFrame:
         """One row per generation."""
-        return _frame("generations", self._rows(_generation))
+        return _frame("generations", ({**ids, **generation_values(*r)} for ids, *r in self._rows()))
 
     @cached_property
     def individuals(self) -> DataFrame:
         """One row per individual."""
-        return _frame("individuals", self._rows(_individuals))
+        rows = (
+            {**ids, "generation": record["snapshot"]["generation"], **individual_values(i, limits)}
+            for ids, record, _, limits in self._rows()
+            for i in record["individuals"]
+        )
+        return _frame("individuals", rows)
 
     @cached_property
     def archive(self) -> DataFrame:
@@ -88,14 +93,14 @@ class Results:
         summary = folder.summary()
         return {**row, "tree": summary["champion"]["tree"], **run_values(summary)}
 
-    def _rows(self, of: Any) -> Iterator[dict[str, Any]]:
+    def _rows(self) -> Iterator[tuple[dict[str, Any], Any, Any, Constraints]]:
+        """Identity of the run, record, costs and constraints of each generation."""
         for folder in self.folders:
             shared = self._identity(folder)
             constraints = recorded_constraints(folder.configuration())
             costs = chain(folder.costs(), repeat({}))  # a killed run may lack the last one
             for record, cost in zip(folder.records(), costs, strict=False):
-                for row in of(record, cost, constraints):
-                    yield {**shared, **row}
+                yield shared, record, cost, constraints
 
     def _identity(self, folder: RunFolder) -> dict[str, Any]:
         labels = self._labels(folder)
@@ -146,23 +151,7 @@ def load(path: str | Path) -> Results:
     return Results(top, folders)
 
 
-def _generation(
-    record: Mapping[str, Any], cost: Mapping[str, Any], constraints: Constraints
-) -> Iterator[dict[str, Any]]:
-    yield generation_values(record, cost, constraints)
-
-
-def _individuals(
-    record: Mapping[str, Any],
-    cost: Mapping[str, Any],  # noqa: ARG001 -- as `_generation`
-    constraints: Constraints,
-) -> Iterator[dict[str, Any]]:
-    for individual in record["individuals"]:
-        generation = record["snapshot"]["generation"]
-        yield {"generation": generation, **individual_values(individual, constraints)}
-
-
-def _frame(kind: str, rows: Iterator[dict[str, Any]]) -> DataFrame:
+def _frame(kind: str, rows: Iterable[dict[str, Any]]) -> DataFrame:
     """A frame with the documented columns first, then those of the domain and the experiment."""
     from pandas import DataFrame
 

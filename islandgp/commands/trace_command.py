@@ -26,13 +26,13 @@ def command(file: str, seed: int, begin: float, end: float, episode: EpisodeOpti
 
     After each node: the share of ticks in which it was ticked, and how often it
     succeeded, failed and was aborted. Then the actions in order, with the points
-    that they earned and the guards above them; then the blackboard.
+    that they earned and the guards above them. `replay` shows the blackboard as well.
     """
     if not begin <= end:
         raise click.UsageError(f"expected --from before --to, found {begin:g} and {end:g}")
     from rich.console import Console
 
-    from islandgp.viewer.trace import blackboard_sparklines, components, drawn, timeline
+    from islandgp.viewer.trace import components, drawn, timeline
 
     recording = recorded(file, seed, episode)
     console = Console(soft_wrap=True, highlight=False)
@@ -45,7 +45,6 @@ def command(file: str, seed: int, begin: float, end: float, episode: EpisodeOpti
     console.print()
     for line in timeline(recording, begin, end):
         console.print(line)
-    for part in (blackboard_sparklines(recording), components(recording)):
-        console.print()
-        for text in part:
-            console.print(text)
+    console.print()
+    for text in components(recording):
+        console.print(text)

@@ -208,9 +208,9 @@ def _selected(name: str, text: str, runs: Sequence[Run]) -> Arm:
         known = {*SHORT_KEYS, *(key for run in runs for key in run.flat)}
         hints = "".join(f" There is no key {key}." for key in sorted({*conditions} - known))
         raise StudyError(
-            f"Expected finished runs for {name}={text!r}, found {len(fitting) or 'no'} unfinished"
-            f" ones; start the same sweep again to finish them, or select others.{hints}"
-            + _overview(runs)
+            f"Expected finished runs for {name}={text!r}, found"
+            f" {f'{len(fitting)} unfinished ones' if fitting else 'none'}; repeat the command of"
+            f" unfinished ones, or select others.{hints}" + _overview(runs)
         )
     levels = {
         key: str(value)

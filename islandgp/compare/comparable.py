@@ -57,7 +57,6 @@ class Comparison:
     generations: DataFrame  # of `read_runs`, as many for each run
     comparability_warnings: tuple[str, ...]  # differences that make the comparison doubtful
     notes: tuple[str, ...]  # further notes for the reader
-    sources: tuple[str, ...]  # folders of the runs
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -99,7 +98,6 @@ def compare_arms(
     *,
     force: bool = False,
     notes: Sequence[str] = (),
-    sources: Sequence[str] = (),
 ) -> Comparison:
     """Makes a comparison of arms; generations after the end of the shortest run are left out.
 
@@ -107,7 +105,6 @@ def compare_arms(
         arms: two or more, of different names.
         force: turn differences that make a comparison doubtful from an error into warnings.
         notes: further notes for the report.
-        sources: folders of the runs, for the report.
 
     Returns:
         The comparison.
@@ -162,7 +159,6 @@ def compare_arms(
         generations=generations,
         comparability_warnings=tuple(warnings),
         notes=(*intended, *further),
-        sources=tuple(sources),
     )
 
 

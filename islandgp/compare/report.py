@@ -73,11 +73,6 @@ class Report:
         return f"Do {names} matter?" if len(keys) > 1 else f"Does {names} matter?"
 
     @property
-    def same_start(self) -> bool:
-        """True if all arms ran on the same seeds from the same start."""
-        return all(shared_seeds(a, b) == a.seeds == b.seeds for a, b in self.study.pairs)
-
-    @property
     def results(self) -> list[str]:
         """Sentences: the endpoint for each pair of arms, then more of the first pair."""
         pairs = [(a.name, b.name) for a, b in self.study.pairs]
@@ -183,7 +178,7 @@ def select_study(options: CompareOptions) -> tuple[Comparison, AnalysisPlan, Pat
     folders = (*options.runs, *options.folders) or (Path("runs"),)
     runs = find(folders, options.name)
     arms, notes = select_arms(options.arms, runs) if options.arms else arms_of_sweep(runs)
-    study = compare_arms(arms, force=options.force, notes=notes, sources=[*map(str, folders)])
+    study = compare_arms(arms, force=options.force, notes=notes)
     later = champions.champion_keys(study) if options.worlds else ()
     findings.check_plan(plan, [*(m.key for m in study_measures(study)), *later])
     name = "-".join(study.names) if options.arms else str(study.arms[0].runs[0].config["name"])

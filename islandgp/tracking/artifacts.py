@@ -13,7 +13,6 @@ from islandgp.gate import check_folder, read_text
 from islandgp.records.files import LONG, PAGE, RunMetadata
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.sentences import best_robot_in_a_sentence, constrained, reached
-from islandgp.viewer.run_page import embedded_replay
 
 FILES: Final = (
     "best.bt",
@@ -53,9 +52,6 @@ def artifacts(folder: RunFolder, *, has_page: bool = True) -> Iterator[Artifact]
         text = read_text(best)
         yield Artifact("best.bt.txt", lambda: text)  # MLflow shows .txt, not .bt
         yield Artifact("best.svg", lambda: to_svg(parse(text)))
-    page = folder.path / PAGE
-    if has_page and page.exists() and (replay := embedded_replay(page.read_text("utf-8"))):
-        yield Artifact("replay.html", lambda: replay)
 
 
 def note(folder: RunFolder, about: RunMetadata, status: Status) -> str:

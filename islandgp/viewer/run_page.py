@@ -6,8 +6,6 @@ seconds.
 
 from __future__ import annotations
 
-import json
-import re
 import shlex
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
@@ -189,12 +187,6 @@ def _elites(view: RunView) -> tuple[Elite, ...] | None:
     except RunError:  # the file is missing, damaged, or being written
         return None
     return ()
-
-
-def embedded_replay(text: str) -> str:
-    """The replay that the text of a run's page holds; "" for none."""
-    match = re.search(r'<script type="application/json" id="replay">(.*)</script>', text)
-    return str(json.loads(match[1])) if match else ""
 
 
 def _best(view: RunView, best: Mapping[str, Any]) -> dict[str, Any]:

@@ -8,7 +8,7 @@ from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
-from math import ceil, inf, isfinite
+from math import ceil, inf
 from typing import TYPE_CHECKING, Final
 
 from islandgp.bt.core.node import Node, walk
@@ -19,11 +19,9 @@ from islandgp.viewer.recording import FAILED, IDLE, RUNS, STOPPED, SUCCEEDED, Cr
 if TYPE_CHECKING:
     from rich.text import Text
 
-BLOCKS: Final = " \N{LOWER ONE EIGHTH BLOCK}\u2582\u2583\u2584\u2585\u2586\u2587\u2588"
 ELLIPSIS: Final = "\N{HORIZONTAL ELLIPSIS}"
 MAX_LINES: Final = 5_000  # of a timeline
 MAX_GUARDS: Final = 8  # on such a line
-WIDTH: Final = 60  # characters of a key's curve
 _SPAN: Final = re.compile(
     b"%(runs)c[%(runs)c%(idle)c]*+[^%(runs)c%(idle)c]?|[^%(runs)c%(idle)c]"
     % {b"runs": RUNS, b"idle": IDLE}
@@ -164,29 +162,6 @@ def _guards(tree: Node) -> list[str]:
 
     visit(tree, (), "")
     return guards
-
-
-def blackboard_sparklines(recording: Recording) -> Iterator[str]:
-    """The blackboard over time, one line of block characters per key."""
-    keys = recording.schema.vocabulary.keys
-    wide = max(map(len, keys), default=0) + 2
-    for place, (name, key) in enumerate(keys.items()):
-        values = [board[place] if isfinite(board[place]) else key.low for board in recording.boards]
-        low = min(*values, 0.0 if key.flag else key.low)
-        most = max(*values, 1.0 if key.flag else key.high)
-        ends = f"{key.text_of(min(values))} to {key.text_of(max(values))}"
-        if key.words:
-            ends = ", ".join(key.text_of(value) for value in dict.fromkeys(values))
-        yield f"{name:<{wide}}{_blocks(values, low, most)}  {ends}"
-
-
-def _blocks(values: Sequence[float], low: float, most: float) -> str:
-    cells = []
-    for i in range(WIDTH):
-        begin = i * len(values) // WIDTH
-        part = values[begin : max((i + 1) * len(values) // WIDTH, begin + 1)]
-        cells.append(BLOCKS[round(8 * (sum(part) / len(part) - low) / ((most - low) or 1))])
-    return "".join(cells)
 
 
 def components(recording: Recording) -> Iterator[str]:

@@ -217,16 +217,6 @@ def test_runs_need_a_generation_in_each_stage() -> None:
         compare_arms(arms)
 
 
-def test_three_arms_make_three_pairs() -> None:
-    """All pairs, in the order in which the arms were given."""
-    study = compare_arms([_arm(n, range(2)) for n in ("expert", "baseline", "editor")])
-    assert [(a.name, b.name) for a, b in study.pairs] == [
-        ("expert", "baseline"),
-        ("expert", "editor"),
-        ("baseline", "editor"),
-    ]
-
-
 def test_longer_runs_are_cut_where_the_shortest_ends() -> None:
     """What a longer arm did later counts for no measure: 'never' is the same for both."""
     long = fake_run(generations=8, best=[1.0, 2, 3, 4, 5, 6, 9, 7], complete=3, excellent=6)

@@ -62,7 +62,7 @@ def _study(*names: str, force: bool = False) -> Comparison:
                 )
             )
         arms.append(fake_arm(name, runs))
-    return compare_arms(arms, force=force, sources=["runs"])
+    return compare_arms(arms, force=force)
 
 
 @pytest.fixture(scope="module")

@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 import math
-from itertools import combinations, pairwise
+from itertools import combinations
 
-import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -20,7 +19,6 @@ from islandgp.statistics import (
     least_p,
     mean_difference,
     mean_interval,
-    mean_sd,
     paired_difference,
     paired_test,
     rank_test,
@@ -115,25 +113,10 @@ def test_the_order_of_the_arms_changes_signs_only(x: list[float], y: list[float]
     assert a.r == pytest.approx(-b.r)
 
 
-@given(numbers, numbers, st.integers(1, 5))
-def test_ranks_alone_matter(x: list[float], y: list[float], k: int) -> None:
-    """A rising transformation of all values changes nothing."""
-    assert rank_test(x, y) == rank_test([v**3 * k for v in x], [v**3 * k for v in y])
-
-
 def test_benjamini_hochberg_by_hand() -> None:
     """p = .01 .04 .03 .005 of four: .02 .04 .04 .02, in the order in which they came."""
     assert benjamini_hochberg([0.01, 0.04, 0.03, 0.005]) == pytest.approx((0.02, 0.04, 0.04, 0.02))
     assert benjamini_hochberg([]) == ()
-
-
-@given(st.lists(st.floats(0, 1), min_size=1, max_size=30))
-def test_adjusting_never_lowers_a_p(p: list[float]) -> None:
-    """Adjusted values are at least the raw ones, at most 1, and in the same order."""
-    q = benjamini_hochberg(p)
-    assert all(a <= b + 1e-12 and b <= 1 for a, b in zip(p, q, strict=True))
-    order = sorted(range(len(p)), key=lambda i: p[i])
-    assert all(q[i] <= q[j] + 1e-12 for i, j in pairwise(order))
 
 
 def test_wilcoxon_is_exact_without_ties() -> None:
@@ -169,14 +152,6 @@ def test_single_values_have_no_interval() -> None:
     assert all(math.isnan(i.low) and math.isnan(i.high) for i in intervals)
 
 
-def test_standard_deviation_is_the_sample_s() -> None:
-    """± is computed with n - 1; one value has none."""
-    assert mean_sd([1, 3]) == (2.0, pytest.approx(math.sqrt(2)))
-    mean, sd = mean_sd([5])
-    assert mean == 5.0
-    assert math.isnan(sd)
-
-
 def test_interval_of_a_mean_by_hand() -> None:
     """1 2 3: standard error 1 / sqrt(3), and t of 2 degrees of freedom is 4.303."""
     interval = mean_interval([1.0, 2.0, 3.0])
@@ -197,16 +172,6 @@ def test_welch_s_interval_is_scipy_s() -> None:
     assert (interval.low, interval.high) == pytest.approx((ends.low, ends.high))
     assert mean_difference([3.0, 3.0], [1.0, 1.0]).high == 2.0
     assert math.isnan(mean_difference([3.0], [1.0, 2.0]).low)
-
-
-@given(st.integers(3, 9), st.integers(0, 2**32 - 1))
-def test_small_samples_get_wide_intervals(n: int, seed: int) -> None:
-    """An interval of a mean holds it, and is no narrower than 2 standard errors each way."""
-    x = np.random.default_rng(seed).normal(size=n).tolist()
-    mean, sd = mean_sd(x)
-    interval = mean_interval(x)
-    assert interval.high - mean == pytest.approx(mean - interval.low)
-    assert interval.high - mean >= 2 * sd / math.sqrt(n)
 
 
 def test_what_a_number_of_runs_can_show() -> None:

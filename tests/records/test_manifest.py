@@ -81,22 +81,6 @@ def test_a_run_with_a_changed_file_is_not_sound(name: str, run: Path) -> None:
         RunFolder(run).must_be_sound()
 
 
-@pytest.mark.parametrize("name", ["generations.jsonl", "lineage.csv", "summary.json"])
-def test_a_changed_file_is_not_called_complete(
-    name: str, run: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The command that made the run names the file, exit code 2; nothing is made again."""
-    change(run / name)
-    (run / "run.html").unlink()
-    before = {f.name: f.read_bytes() for f in run.iterdir() if f.is_file()}
-    assert main([*TINY]) == 2
-    errors = capsys.readouterr().err
-    assert f"{run / name}, found a damaged file (changed)" in errors
-    assert "Traceback" not in errors
-    after = {f.name: f.read_bytes() for f in run.iterdir() if f.is_file()}
-    assert after == before
-
-
 @pytest.mark.parametrize("name", ["generations.jsonl", NAME])
 def test_a_deleted_file_is_not_called_complete(
     name: str, run: Path, capsys: pytest.CaptureFixture[str]

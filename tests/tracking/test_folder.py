@@ -49,16 +49,6 @@ def test_an_error_has_its_message_first_and_then_its_origin(tmp_path: Path) -> N
     assert "islandgp.errors.EvaluationError: Expected an outcome" in folder.error()
 
 
-def test_a_fault_of_the_program_is_reported_by_its_last_line(tmp_path: Path) -> None:
-    """A traceback's first line has no reason."""
-    folder = RunFolder(tmp_path)
-    try:
-        _ = 1 / 0
-    except ZeroDivisionError as error:
-        folder.fail(error)
-    assert folder.reason() == "ZeroDivisionError: division by zero"
-
-
 @pytest.mark.parametrize("torn", [b"", b'{"half":', b'{"a whole":"line"}\n{"half'])
 def test_what_was_written_after_the_checkpoint_is_cut_off(tmp_path: Path, torn: bytes) -> None:
     """However a process died, the next one starts from whole lines up to the checkpoint."""
@@ -79,26 +69,6 @@ def test_a_finished_run_is_not_cut(tmp_path: Path) -> None:
     with pytest.raises(RunError, match=r"found it finished; use resume=never"):
         folder.resume()
     assert (folder.path / "generations.jsonl").read_bytes() == before
-
-
-def test_a_record_that_is_missing_before_the_checkpoint_is_an_error(tmp_path: Path) -> None:
-    """Going on would leave a gap in the records, so it is refused."""
-    folder = closed_run(tmp_path / "one", tmp_path, 3)
-    file = folder.path / "generations.jsonl"
-    file.write_bytes(file.read_bytes().splitlines(keepends=True)[0])
-    with pytest.raises(RunError, match="Expected 3 generations"):
-        folder.resume()
-
-
-@pytest.mark.parametrize("line", [b"{}", b'{"snapshot": 3}', b'{"snap', b'{"snapshot": {"a": 1}}'])
-def test_a_damaged_record_before_the_checkpoint_is_an_error(tmp_path: Path, line: bytes) -> None:
-    """The run's history is read from its records, so they are checked like the checkpoint."""
-    folder = closed_run(tmp_path / "one", tmp_path, 3)
-    file = folder.path / "generations.jsonl"
-    first, _, third = file.read_bytes().splitlines()
-    file.write_bytes(b"\n".join((first, line, third)) + b"\n")
-    with pytest.raises(RunError, match=r"generations\.jsonl, found a damaged file"):
-        folder.resume()
 
 
 def test_settled_generations_follow_the_checkpoint(tmp_path: Path) -> None:

@@ -10,8 +10,7 @@ import signal
 import socket
 import subprocess
 import sys
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import nullcontext
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
 from types import SimpleNamespace
@@ -24,11 +23,10 @@ from islandgp.cli import islandgp
 from islandgp.commands import ui_command
 from islandgp.errors import TrackingError
 from islandgp.evolution.validation import Validation
-from islandgp.resources import resource
 from islandgp.tracking import ui
 from islandgp.tracking.mlflow import sync_command
 from islandgp.tracking.store import ARM, Store, TrackingStore
-from islandgp.tracking.sync import place_from, sync
+from islandgp.tracking.sync import sync
 from islandgp.tracking.ui import Pages, runs_page, served, share_view
 from tests.running.commands import ROOT
 from tests.tracking.folders import closed_run, history, place
@@ -59,22 +57,6 @@ def test_the_arms_are_those_of_the_latest_sweep(home: Path, store: Store) -> Non
     latest = store.client.search_runs([store.experiment], view["searchFilter"])
     assert [run.data.tags["mlflow.parentRunId"] for run in latest] == [parents[1]]
     assert [run.data.tags[ARM] for run in latest] == ["baseline"]
-
-
-def mlflow_colour(group: str) -> int:
-    """The number of a group's colour among the 29 of MLflow's pages."""
-    low = high = 0
-    for character in group:
-        low = (low + ord(character)) % 255
-        high = (high + low) % 255
-    return (low | high << 8) % 29
-
-
-def test_the_supervisors_have_different_colours() -> None:
-    """Every pair of those that are shipped, in charts that are grouped by arm."""
-    names = [file.stem for file in resource("conf/supervisor").glob("*.yaml")]
-    assert len(names) > 4
-    assert len({mlflow_colour(f"tag.{ARM}.{name}") for name in names}) == len(names)
 
 
 def test_a_taken_port_is_named(store: Store) -> None:
@@ -117,13 +99,6 @@ def test_a_server_that_is_away_is_named(monkeypatch: pytest.MonkeyPatch) -> None
     monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
     with pytest.raises(TrackingError, match=r"Expected an MLflow store at http://127\.0\.0\.1:9"):
         served(TrackingStore("http://127.0.0.1:9", None, "islandgp"), 5000).__enter__()
-
-
-@pytest.mark.parametrize("uri", ["mlflow.db", "ftp://x"])
-def test_a_uri_of_another_kind_is_refused(uri: str) -> None:
-    """Both kinds are named."""
-    with pytest.raises(TrackingError, match="sqlite:///FILE or http://"):
-        place_from(uri, "islandgp")
 
 
 UI = """
@@ -203,33 +178,6 @@ def test_the_server_ends_with_the_command(number: str, home: Path) -> None:
         is_listening = probe.connect_ex(("127.0.0.1", port)) == 0
     assert not is_listening
     assert (process.returncode, rest) == (0, "stopped\n")
-
-
-@pytest.mark.skipif(os.name != "posix", reason="signals")
-@pytest.mark.parametrize("number", ["SIGTERM", "SIGHUP"])
-def test_signals_end_the_command_as_ctrl_c_does(
-    number: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """The quick form of the same, with a server that only records that it was closed."""
-    closed: list[int] = []
-
-    @contextmanager
-    def served(_: TrackingStore, port: int) -> Iterator[Pages]:
-        try:
-            yield Pages("arms", "runs")
-        finally:
-            closed.append(port)
-
-    class Raised:
-        def wait(self) -> None:
-            signal.raise_signal(getattr(signal, number))
-
-    monkeypatch.setattr(ui_command, "served", served)
-    monkeypatch.setattr(ui_command, "threading", SimpleNamespace(Event=Raised))
-    arguments = ["ui", "--uri", "sqlite:///mlflow.db", "--port", "5001"]
-    result = CliRunner().invoke(islandgp, arguments)
-    assert (result.exit_code, closed) == (0, [5001])
-    assert result.stderr.endswith("stopped\n")
 
 
 @pytest.mark.parametrize("arguments", [["sync"], ["ui"]], ids=lambda w: w[0])

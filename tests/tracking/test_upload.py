@@ -113,7 +113,6 @@ def test_a_finished_run_has_everything_that_people_look_for(home: Path, store: S
         "generations.jsonl",
         "lineage.csv",
         "manifest.json",
-        "replay.html",
         "run.html",
         "summary.json",
     }

@@ -18,7 +18,6 @@ from islandgp.viewer.recording import IDLE, record
 from islandgp.viewer.trace import (
     ELLIPSIS,
     action_spans,
-    blackboard_sparklines,
     drawn,
     merged,
     timeline,
@@ -200,7 +199,6 @@ def test_trace_has_every_call() -> None:
     )
     assert won == pytest.approx(credited)
     assert len(drawn(recording).plain.splitlines()) == size(recording.tree)
-    assert len(list(blackboard_sparklines(recording))) == 5
 
 
 def test_trace_between(islandgp: Cli) -> None:
