@@ -178,7 +178,8 @@ def _tested(
 def _front(pruned: PruneResult) -> tuple[FrontTree, ...]:
     """The front with the original as plain values; () if no shorter tree was tried."""
     entries: list[tuple[Node, TreeComparison | None]] = [
-        (c.tree, TreeComparison("the longest tree", *mean_interval(c.differences))) for c in pruned.front
+        (c.tree, TreeComparison("the longest tree", *mean_interval(c.differences)))
+        for c in pruned.front
     ]
     return tuple(
         FrontTree(size(tree), to_text(tree), difference, tree == pruned.best)
