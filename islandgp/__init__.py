@@ -54,40 +54,27 @@ __all__ = [
     "to_text",
 ]
 
-_HOMES = {
-    "Advice": "islandgp.gp.population",
-    "Experiment": "islandgp.experiment",
-    "GenerationRecord": "islandgp.gp.record",
-    "IslandError": "islandgp.errors",
-    "NodeStatus": "islandgp.binding",
-    "Results": "islandgp.results",
-    "RobotTree": "islandgp.binding",
-    "Streams": "islandgp.seeding",
-    "Tree": "islandgp.binding",
-    "TreeError": "islandgp.errors",
-    "compose": "islandgp.experiment",
-    "load": "islandgp.results",
-    "load_tree": "islandgp.binding",
-    "parse": "islandgp.bt.core.language",
-    "run": "islandgp.experiment",
-    "to_text": "islandgp.bt.core.language",
+_NAMES = {
+    "binding": "NodeStatus RobotTree Tree load_tree",
+    "bt.core.language": "parse to_text",
+    "errors": "IslandError TreeError",
+    "experiment": "Experiment compose run",
+    "gp.population": "Advice",
+    "gp.record": "GenerationRecord",
+    "results": "Results load",
+    "seeding": "Streams",
 }
+"""The public names of each module."""
 
-
-def _version() -> str:
-    """The installed version; "0" in a checkout that is not installed."""
-    from importlib.metadata import PackageNotFoundError, version
-
-    try:
-        return version("islandgp")
-    except PackageNotFoundError:
-        return "0"
+_HOMES = {name: f"islandgp.{module}" for module, names in _NAMES.items() for name in names.split()}
 
 
 def __getattr__(name: str) -> Any:
     """Imports a public name when it is first used."""
     if name == "__version__":
-        return _version()
+        from importlib.metadata import version
+
+        return version("islandgp")
     if name not in _HOMES:
         raise AttributeError(f"module 'islandgp' has no attribute {name!r}")
     return getattr(import_module(_HOMES[name]), name)

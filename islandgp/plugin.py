@@ -9,9 +9,10 @@ from contextlib import contextmanager
 from functools import cache
 from importlib import import_module
 from inspect import findsource, getfile, unwrap
+from itertools import takewhile
 from pathlib import Path
 from sysconfig import get_path
-from traceback import walk_tb
+from traceback import walk_stack, walk_tb
 from types import FrameType
 from typing import Any, ClassVar, Final, TypeVar, cast
 
@@ -55,8 +56,7 @@ class ImportedClass(BaseModel, frozen=True, extra="forbid"):
     @field_validator("factory")
     @classmethod
     def _can_make(cls, factory: Any) -> Any:
-        is_method = [callable(getattr(factory, method, None)) for method in cls.needs]
-        if not (all(hasattr(factory, model) for model in cls.models) and all(is_method)):
+        if not all(hasattr(factory, name) for name in (*cls.models, *cls.needs)):
             *first, last = (*cls.models, *cls.needs)
             raise ValueError(
                 f"expected a class with {', '.join(first)} and {last}, found {factory!r}"
@@ -174,11 +174,10 @@ def path_of(kind: Any) -> str:
     return f"{kind.__module__}:{name}" if name else str(getattr(kind, "__name__", kind))
 
 
-OURS: Final = (
+KNOWN: Final = (
     Path(__file__).parent,
-    Path("islandgp"),  # compiled modules have relative paths in tracebacks
+    *(Path(get_path(name)) for name in ("stdlib", "purelib", "platlib")),
 )
-KNOWN: Final = (*OURS, *(Path(get_path(name)) for name in ("stdlib", "purelib", "platlib")))
 """Folders of code that is not the user's."""
 
 
@@ -186,66 +185,37 @@ def raised_in(error: BaseException) -> str:
     """The place in the user's code that raised an error, ", in FILE, line N", or ""."""
     if isinstance(error, SyntaxError) and error.filename:
         return f", in {error.filename}, line {error.lineno}"
-    frames = (frame for frame, _ in walk_tb(error.__traceback__))
-    lines = (line for _, line in walk_tb(error.__traceback__))
-    return _place(zip(frames, lines, strict=True))
+    return _innermost(walk_tb(error.__traceback__))
 
 
 def place_of_frame(frame: FrameType | None, outer: FrameType | None) -> str:
     """The place of a frame in the user's code, as `raised_in`; callers of `outer` are ignored."""
-    frames: list[tuple[FrameType, int]] = []
-    while frame is not None and frame is not outer:
-        frames.append((frame, frame.f_lineno))
-        frame = frame.f_back
-    return _place(reversed(frames))
+    return _innermost(reversed([*takewhile(lambda f: f[0] is not outer, walk_stack(frame))]))
+
+
+def _innermost(frames: Iterable[tuple[FrameType, int]]) -> str:
+    """The place of the last frame that is in the user's code."""
+    places = [_place(frame.f_code.co_filename, line) for frame, line in frames]
+    return next(filter(None, reversed(places)), "")
+
+
+def _place(file: str, line: int) -> str:
+    known = file.startswith("<") or any(Path(file).is_relative_to(folder) for folder in KNOWN)
+    return "" if known else f", in {file}, line {line}"
+
+
+def defined_in(thing: Any) -> str:
+    """The place of a user's function, method or class, as `raised_in`."""
+    try:
+        thing = unwrap(thing)
+        return _place(getfile(thing), findsource(thing)[1] + 1)
+    except (OSError, TypeError):  # of an object, or of a class that was made at run time
+        return ""
 
 
 def short_repr(value: object) -> str:
     """The `repr` of a value for a message: shortened, without memory addresses."""
     return re.sub(r" at 0x[0-9a-fA-F]+", "", f"{value!r:.200}")[:80]
-
-
-def defined_in(thing: Any) -> str:
-    """The place of a user's function, method or class, as `raised_in`."""
-    code = getattr(unwrap(thing), "__code__", None) if callable(thing) else None
-    if code is not None:
-        return (
-            ""
-            if _known(code.co_filename)
-            else f", in {code.co_filename}, line {code.co_firstlineno}"
-        )
-    try:
-        file, (_, line) = getfile(thing), findsource(thing)
-    except (OSError, TypeError):  # of a class that was made at run time
-        return ""
-    return "" if _known(file) else f", in {file}, line {line + 1}"
-
-
-def _place(frames: Iterable[tuple[FrameType, int]]) -> str:
-    """The innermost frame in the user's code.
-
-    If there is none, the user's code may be an installed package: then it is the frame that was
-    called by this package.
-    """
-    innermost = entered = ""
-    in_package = False
-    for frame, line in frames:
-        file = frame.f_code.co_filename
-        place = f", in {file}, line {line}"
-        if not _known(file):
-            innermost = place
-        elif not entered and in_package and not _ours(file) and Path(file).is_relative_to(KNOWN[3]):
-            entered = place
-        in_package = in_package or _ours(file)
-    return innermost or entered
-
-
-def _ours(file: str) -> bool:
-    return any(Path(file).is_relative_to(ours) for ours in OURS)
-
-
-def _known(file: str) -> bool:
-    return file.startswith("<") or any(Path(file).is_relative_to(known) for known in KNOWN)
 
 
 @contextmanager

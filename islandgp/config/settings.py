@@ -109,18 +109,13 @@ class SearchSettings(ComponentConfig, frozen=True, extra="forbid"):
     @classmethod
     def _is_a_search(cls, factory: Any) -> Any:
         uses = getattr(factory, "uses", None)
-        if not (isinstance(uses, frozenset) and uses <= USES):
-            names = ", ".join(map(repr, sorted(USES)))
-            raise ValueError(
-                f"expected {factory!r} with a class attribute uses, a frozenset of some of {names},"
-                f" found {uses!r}"
-            )
-        if not hasattr(factory, "Memory"):
-            raise ValueError(
-                f"expected {factory!r} with a class attribute Memory, the type of the state that a"
-                " checkpoint keeps, found none"
-            )
-        return factory
+        if isinstance(uses, frozenset) and uses <= USES and hasattr(factory, "Memory"):
+            return factory
+        raise ValueError(
+            f"expected {factory!r} with class attributes uses, a frozenset of some of"
+            f" {', '.join(map(repr, sorted(USES)))}, and Memory, the type of the state that a"
+            f" checkpoint keeps, found uses = {uses!r}"
+        )
 
 
 class EvaluatorSettings(ComponentConfig, frozen=True, extra="forbid"):

@@ -18,7 +18,7 @@ from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import RUNTIME_KEYS
 from islandgp.results import COLUMNS
 from islandgp.running.app import main
-from islandgp.running.progress import columns
+from islandgp.running.progress import Progress
 from islandgp.running.report import report
 from islandgp.tracking.artifacts import FILES
 from tests.running.commands import ROOT, finish, start
@@ -182,10 +182,10 @@ def test_what_may_differ_at_a_resumption_is_named() -> None:
     assert set(re.findall(r"`(\w+)`", sentence[1])) == RUNTIME_KEYS
 
 
-def test_the_head_of_the_table_is_the_programs() -> None:
+def test_the_head_of_the_table_is_the_programs(capsys: pytest.CaptureFixture[str]) -> None:
     """The example of plain lines has the columns of today."""
-    head = columns(CLASSES.milestones, rate=False).items()
-    assert "  ".join(f"{name:>{width}}" for name, width in head) in TEXT
+    Progress("plain", 5, "a title", CLASSES.milestones, rate=False)
+    assert capsys.readouterr().err.splitlines()[1] in TEXT
 
 
 def test_pictures_are_there() -> None:

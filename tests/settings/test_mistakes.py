@@ -142,11 +142,11 @@ ONE_LINE = [
     (["search=hill", "search.factory=islandgp.gp.plan:Plan"],
      "search.factory: expected a class with Settings, make, start, ask and tell, found"),
     (["search.factory=tests.settings.searches:Undeclared"],
-     "search.factory: expected <class 'tests.settings.searches.Undeclared'> with a class attribute"
-     " uses, a frozenset of some of 'edits', 'rate', 'tree', found None"),
+     "search.factory: expected <class 'tests.settings.searches.Undeclared'> with class"
+     " attributes uses, a frozenset of some of 'edits', 'rate', 'tree', and Memory,"),
     (["search.factory=tests.settings.searches:Forgetful"],
-     "search.factory: expected <class 'tests.settings.searches.Forgetful'> with a class attribute"
-     " Memory,"),
+     "search.factory: expected <class 'tests.settings.searches.Forgetful'> with class"
+     " attributes uses,"),
     (["search=map_elites", "search.policy.bins=0"],
      "search.policy.bins=0: input should be greater than or equal to 1"),
     (["search=map_elites", "allocation.reevaluated=1"],
