@@ -6,7 +6,7 @@ import os
 import signal
 import threading
 from inspect import currentframe
-from time import monotonic, process_time
+from time import monotonic
 from types import FrameType, TracebackType
 from typing import Any, Final
 
@@ -20,7 +20,8 @@ MAX_RAISED: Final = 10
 """Number of `Overdue` that are raised before the process is ended."""
 
 SLICES: Final = 10
-"""Parts of a limit. A suspension (Ctrl-Z, SIGSTOP) counts as one part, however long it is."""
+"""Signals until a limit is reached. Those that arrive during a suspension (Ctrl-Z, SIGSTOP) are
+delivered as one, so it counts as one part of the limit, however long it is."""
 
 SHORTEST_SLICE_S: Final = 0.005
 """Least seconds between two signals; a shorter limit is noticed after this time."""
@@ -50,9 +51,8 @@ class TimeLimit:
     def __init__(self, seconds: float) -> None:
         self._seconds = min(seconds, 1e6)
         self._slice = max(self._seconds / SLICES, SHORTEST_SLICE_S)
-        self._used = 0.0  # s
-        self._clocks = (0.0, 0.0)  # s: the time and the process's CPU time when `_used` was counted
-        self._times = 0  # number of `Overdue` that were raised
+        self._signals = 0  # number of those received
+        self._most = max(1, round(self._seconds / self._slice))  # until the limit is reached
         self._late: Overdue | None = None  # the first one
         self._function = self._where = ""  # the function that was running then, and its line
         self._over = True
@@ -65,7 +65,6 @@ class TimeLimit:
             return
         self._entered = _caller()
         handler = signal.signal(signal.SIGALRM, self._stop)
-        self._clocks = (monotonic(), process_time())
         timer = signal.setitimer(signal.ITIMER_REAL, self._slice, self._slice)
         self._before = (monotonic(), handler, timer)
         self._over = False  # last, as no `__exit__` follows an exception that is raised here
@@ -95,15 +94,16 @@ class TimeLimit:
     def _stop(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 -- a handler's
         if frame is not None and frame.f_code in _OWN_CODE:
             return  # an exception at the end of the block would leave the timer running
-        if self._over or (not self._late and not self._is_late()):
+        self._signals += 1
+        if self._over or self._signals < self._most:
             return
-        self._times += 1
         if self._late is None:
+            signal.setitimer(signal.ITIMER_REAL, RAISE_PERIOD_S, RAISE_PERIOD_S)
             self._where = place_of_frame(frame, self._entered)
             self._function = f"the function {frame.f_code.co_name}" if frame is not None else "it"
             self._late = Overdue()
             raise self._late
-        if self._times > MAX_RAISED:
+        if self._signals > self._most + MAX_RAISED:
             os.write(
                 2,
                 f"islandgp: Expected an end of an episode, found {self._description()}\n".encode(),
@@ -111,23 +111,8 @@ class TimeLimit:
             os._exit(2)
         raise Overdue
 
-    def _is_late(self) -> bool:
-        """Count the time since the last call; True if the limit is reached.
 
-        Signals that arrive during a suspension are delivered as one when it ends.
-        """
-        wall, cpu = self._clocks
-        self._clocks = now, busy = monotonic(), process_time()
-        self._used += min(now - wall, max(self._slice, busy - cpu))
-        if self._used < self._seconds - self._slice / 2:
-            return False
-        signal.setitimer(signal.ITIMER_REAL, RAISE_PERIOD_S, RAISE_PERIOD_S)
-        return True
-
-
-_OWN_CODE: Final = {
-    method.__code__ for method in (TimeLimit.__exit__, TimeLimit._stop, TimeLimit._is_late)
-}
+_OWN_CODE: Final = {TimeLimit.__exit__.__code__, TimeLimit._stop.__code__}
 """Code in which a signal raises nothing."""
 
 
