@@ -310,13 +310,6 @@ def test_a_damaged_sweep_is_one_line(cwd: Path, capsys: pytest.CaptureFixture[st
     assert main([*INSTANT, "-m"]) == 0
 
 
-def test_options_may_be_anywhere(cwd: Path) -> None:
-    """`-m` before, among and behind the overrides."""
-    for i, arguments in enumerate(([INSTANT[0], "-m", *INSTANT[1:]],)):
-        assert main([*arguments, f"name=n{i}"]) == 0
-        assert (cwd / f"runs/n{i}/sweep.json").exists()
-
-
 @pytest.mark.usefixtures("cwd")
 @pytest.mark.parametrize("arguments", [["--seed", "3"], ["--check"], ["--cfg", "bogus"]])
 def test_an_unknown_option_gets_one_line(
@@ -328,24 +321,6 @@ def test_an_unknown_option_gets_one_line(
     assert (out, err.count("\n")) == ("", 1)
     assert arguments[0] in err
     assert "KEY=VALUE" in err
-
-
-def test_jobs_that_are_the_same_run_are_refused(
-    cwd: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Before anything starts, with the name of the run."""
-    assert main([*INSTANT, "seed=1,1", "-m"]) == 2
-    assert "two that are the same run: baseline-seed1" in capsys.readouterr().err
-    assert not (cwd / "runs").exists()
-
-
-def test_a_wrong_job_stops_a_sweep_before_it_starts(
-    cwd: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The last job's configuration is checked before the first job runs."""
-    assert main([*INSTANT, "gp.tournament_size=3,99", "-m"]) == 2
-    assert "gp.tournament_size" in capsys.readouterr().err
-    assert not (cwd / "runs").exists()
 
 
 def test_a_failed_job_is_reported_at_the_end_and_the_others_go_on(
@@ -393,14 +368,6 @@ def test_a_job_on_which_another_process_works_is_not_failed(
     assert {file.name: file.read_bytes() for file in folder.path.iterdir()} == before
 
 
-def test_ctrl_c_in_a_sweep_stops_it(cwd: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Exit code 130; the job after it was not started."""
-    overrides = [*TINY, "tracking=off", *fake("Breaks", after=1, how="interrupt")]
-    assert main([*overrides, "seed=0,1", "-m"]) == 130
-    assert "the same command continues the run" in capsys.readouterr().err
-    assert len(leaf(cwd)) == 1
-
-
 @pytest.mark.usefixtures("cwd")
 def test_a_sweep_reports_its_progress(capsys: pytest.CaptureFixture[str]) -> None:
     """Before each job: jobs done, running, failed, generations; at the end a table of arms."""
@@ -412,35 +379,6 @@ def test_a_sweep_reports_its_progress(capsys: pytest.CaptureFixture[str]) -> Non
     head, row = captured.out.split("\n\n")[0].strip().splitlines()
     assert head.split("  ")[0] == "arm"
     assert re.match(r"baseline +2 of 2 ", row)
-
-
-@pytest.mark.slow
-def test_each_name_of_a_sweep_is_a_sweep(cwd: Path) -> None:
-    """Each name has its folder, its list of jobs and its own parent."""
-    assert main([*INSTANT, "name=a,b", "-m"]) == 0
-    for name in ("a", "b"):
-        (job,) = json.loads((cwd / "runs" / name / "sweep.json").read_text())["jobs"]
-        assert job["folder"] == leaf(cwd, name)[0]
-
-
-def test_a_tracked_sweep_is_a_parent_with_children(
-    home: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """One parent run; each child has name, supervisor and seed; all FINISHED."""
-    monkeypatch.chdir(home)
-    assert main([*TINY, *fake("Instant"), "supervisor=baseline,editor", "seed=3,4", "-m"]) == 0
-    runs = tracked(store(home))
-    (parent,) = (run for run in runs if run.parent is None)
-    children = [run for run in runs if run is not parent]
-    assert {run.status for run in runs} == {"FINISHED"}
-    assert {run.parent for run in children} == {parent.id}
-    assert {(run.tags["supervisor"], run.tags["seed"]) for run in children} == {
-        (supervisor, seed) for supervisor in ("baseline", "editor") for seed in ("3", "4")
-    }
-    assert {run.name.split("-gp")[0] for run in children} == {
-        f"{run.tags['supervisor']}-seed{run.tags['seed']}" for run in children
-    }
-    assert len({run.tags["config"] for run in children}) == 2  # the same for all seeds
 
 
 def test_a_failed_job_fails_its_parent(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -489,27 +427,6 @@ def test_evaluators_of_the_package_are_not_part_of_a_runs_identity(other: dict[s
     assert differences({"evaluator": ours}, {"evaluator": theirs}) == [
         "evaluator.factory: islandgp.evaluation.processes:Processes -> mine:Evaluator"
     ]
-
-
-@pytest.mark.parametrize(
-    "override",
-    [
-        "hydra.run.dir=out",
-        "hydra.sweep.dir=out",
-        "hydra.sweep.subdir=${hydra.job.num}",
-        "hydra.output_subdir=.hydra",
-        "hydra.job.chdir=true",
-    ],
-)
-def test_folders_by_hydras_keys_are_refused(
-    cwd: Path, capsys: pytest.CaptureFixture[str], override: str
-) -> None:
-    """In one line that names ours; nothing is written."""
-    assert main([*INSTANT, override]) == 2
-    (line,) = capsys.readouterr().err.splitlines()
-    assert line.startswith(f"islandgp: {override.partition('=')[0]}: expected")
-    assert "choose these by runs=FOLDER and name=NAME." in line
-    assert not list(cwd.iterdir())
 
 
 def test_a_user_s_configuration_comes_first(cwd: Path) -> None:

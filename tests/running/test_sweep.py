@@ -20,11 +20,9 @@ from islandgp.running import sweep as sweep_run
 from islandgp.running.app import main
 from islandgp.running.launch import BASIC, SweepTask
 from islandgp.running.sweep import run_sweep
-from islandgp.tracking.store import ARM
 from tests.composed import composed, named
-from tests.profiles import examples, sweep
+from tests.profiles import examples
 from tests.running.commands import TINY, fake
-from tests.running.histories import store, tracked
 
 INSTANT = (*TINY, "tracking=off", "progress=off", *fake("Instant"))
 
@@ -135,27 +133,6 @@ def test_every_job_of_a_sweep_is_in_its_file_and_in_an_arm(
     check_all_there(jobs, capsys.readouterr().out, file)
 
 
-@sweep(
-    "overrides",
-    [
-        ["gp.mutation_rate=1e-1,+0.30,0"],
-        ["gp.mutation_rate=range(0.1,0.4,0.1)"],
-        ["gp.trees.depth=[2,3],[2, 4]"],
-        ["supervisor=choice(baseline,expert)"],
-        ["supervisor=glob(*e*,exclude=[replay,editor])"],
-        ["supervisor=llm", "supervisor.policy.prompts=null,'a b',a_b,a/b,'ä'"],
-    ],
-    quick=2,
-)
-def test_the_same_of_composed_jobs(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], overrides: list[str]
-) -> None:
-    """As a command plans them."""
-    jobs = jobs_of(tmp_path, *overrides, "seed=0,1")
-    listed(jobs)
-    check_all_there(jobs, capsys.readouterr().out, file_in(jobs[0].folder.parent))
-
-
 def test_a_launcher_that_breaks_down_is_reported(
     tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -210,28 +187,6 @@ def test_jobs_with_one_folder_name_are_refused(tmp_path: Path) -> None:
     expected = r"supervisor.policy.base_url: http://a -> http://b; give each of them another name="
     with pytest.raises(ConfigError, match=expected):
         listed(jobs_of(tmp_path, *overrides))
-
-
-@pytest.mark.slow
-def test_a_sweep_over_decimals_keeps_its_arms(
-    home: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """Four runs are four jobs in two arms: in the file, the table and MLflow."""
-    monkeypatch.chdir(home)
-    overrides = [*TINY, *fake("Instant"), "gp.mutation_rate=0.1,0.3", "seed=range(2)", "name=d"]
-    assert main([*overrides, "progress=off", "-m"]) == 0
-    output = capsys.readouterr().out
-    file = file_in(home / "runs/d")
-    assert {arm: [job.seed for job in jobs] for arm, jobs in file.arms().items()} == {
-        "baseline gp.mutation_rate=0.1": [0, 1],
-        "baseline gp.mutation_rate=0.3": [0, 1],
-    }
-    assert all(f"{arm}  2 of 2 " in output for arm in file.arms())
-    runs = tracked(store(home))
-    (parent,) = (run for run in runs if run.parent is None)
-    children = [run for run in runs if run is not parent]
-    assert [run.parent for run in children] == [parent.id] * 4
-    assert sorted(run.tags[ARM] for run in children) == sorted([*file.arms()] * 2)
 
 
 def test_a_sweep_may_be_started_in_any_folder(

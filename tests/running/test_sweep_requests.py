@@ -62,18 +62,6 @@ def test_a_sweep_in_a_file(cwd: Path) -> None:
     assert "curriculum=flat interaction.base=100" in {*runs["arm"]}
 
 
-def test_a_sweep_ends_at_its_first_failure_on_request(
-    cwd: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """The jobs after it are not started, and are listed with their commands."""
-    words = [*QUIET, *fake("Breaks", after=1, how="error"), "seed=0,1,2", "keep_going=false", "-m"]
-    assert main(words) == 1
-    assert len([*cwd.glob("runs/default/*/about.json")]) == 1
-    errors = capsys.readouterr().err
-    assert errors.count(": not started\n") == 2
-    assert "3 of 3 jobs not finished" in errors
-
-
 @pytest.mark.slow
 def test_two_folders_are_compared_as_one_sweep() -> None:
     """Seeds that were run elsewhere join the arms; a run is taken once."""
