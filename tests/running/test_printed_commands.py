@@ -34,7 +34,6 @@ EXECUTED: Final = {
     "islandgp export --header -o {}": "export --header -o nodes.hpp",
     "islandgp fmt": "fmt tree.bt",
     "islandgp transcript RUN": "",  # needs a language model: tests/llm/test_transcript_command.py
-    "islandgp transcript": "",
     "python -m islandgp": "run experiment=smoke gp.generations=1",
     "python -m islandgp --help": "run --help",
 }
