@@ -1,4 +1,4 @@
-"""Estimates the mean fitness of trees that were evaluated in different worlds.
+"""The evaluations of trees, and estimates of their mean fitness in different worlds.
 
 All individuals of a generation are evaluated in the same worlds, and worlds differ more than good
 trees do. So fitness is modelled as a tree's level plus the generation's effect. Both are estimated
@@ -9,13 +9,48 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from math import sqrt
 from statistics import fmean, pstdev
 from typing import Final
 
+from islandgp.gp.population import Evaluated, Tree
+from islandgp.scoring.constraints import running_mean
+
 SHRINKAGE: Final = 0.3
 """Default of the residual variance over the variance of generations' effects."""
 ROUNDS: Final = 20  # of alternating estimates
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """A tree with its evaluations so far, one a generation."""
+
+    id: str  # of its last individual
+    tree: Tree
+    fitness: tuple[tuple[int, float], ...]  # (generation, points), oldest first
+    means: dict[str, float]  # over its evaluations, of the values that a search needs
+    outcome_key: str  # of its last outcome; equal for trees that earned the same points
+
+
+def with_evaluation(
+    before: Evidence | None, e: Evaluated, generation: int, values: Mapping[str, float]
+) -> Evidence:
+    """The evidence of a tree after one more evaluation.
+
+    Args:
+        before: the evidence so far; None at its first evaluation.
+        e: the evaluation.
+        generation: of the evaluation.
+        values: of the evaluation, whose means are kept; the same names each time.
+    """
+    i, now = e.individual, (generation, e.fitness)
+    key = repr((e.fitness, sorted(e.outcome.components.items())))
+    if before is None:
+        return Evidence(i.id, i.tree, (now,), dict(values), key)
+    fitness = (*before.fitness, now)
+    means = running_mean(before.means, values, len(fitness))
+    return replace(before, id=i.id, fitness=fitness, means=means, outcome_key=key)
 
 
 def estimate(

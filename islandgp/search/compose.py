@@ -19,9 +19,10 @@ from pydantic import BaseModel, Field
 from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.node import FAILURE, Limits, Node, selector, within
 from islandgp.errors import ConfigError
+from islandgp.gp.evidence import Evidence, with_evaluation
 from islandgp.gp.plan import Plan
-from islandgp.gp.population import Advice, Evaluated, Individual, Origin, Tree
-from islandgp.scoring.constraints import limited, merit, running_mean, violation
+from islandgp.gp.population import Advice, Evaluated, Individual, Origin
+from islandgp.scoring.constraints import Merit, limited, merit, violation
 from islandgp.search.base import SearchContext, SearchState
 from islandgp.seeding import Stream, Streams
 
@@ -81,10 +82,7 @@ class ComposeSettings(BaseModel, frozen=True, extra="forbid"):
 class Racers:
     """The lists that remain in the race, best first."""
 
-    trees: tuple[Tree, ...]
-    ids: tuple[str, ...]  # of their last individuals
-    sums: tuple[float, ...]  # of fitness over the generations so far
-    counters: tuple[dict[str, float], ...] = ()  # with limits, of each, means over these
+    lists: tuple[Evidence, ...]
 
 
 class Compose:
@@ -133,8 +131,8 @@ class Compose:
             lists = priority_lists(rng, self.library, count, self.plan.gp.limits)
             return tuple(Individual(f"0.{k}", t, Origin.INJECTED) for k, t in enumerate(lists))
         return tuple(
-            Individual(f"{g}.{k}", tree, Origin.ELITE, (before,))
-            for k, (tree, before) in enumerate(zip(memory.trees, memory.ids, strict=True))
+            Individual(f"{g}.{k}", each.tree, Origin.ELITE, (each.id,))
+            for k, each in enumerate(memory.lists)
         )
 
     def tell(
@@ -144,22 +142,17 @@ class Compose:
         advice: Advice,  # noqa: ARG002 -- the protocol's
     ) -> SearchState:
         """See `Search`; the advice has no effect."""
-        before = (0.0,) * len(evaluated) if state.memory is None else state.memory.sums
-        sums = [old + e.fitness for old, e in zip(before, evaluated, strict=True)]
-        latest = [limited(e.outcome.counters, self.plan.constraints) for e in evaluated]
-        means = latest if state.memory is None else (state.memory.counters or latest)
-        n = state.generation + 1
-        counters = [running_mean(*pair, n) for pair in zip(means, latest, strict=True)]
-        merits = [
-            merit(points, violation(own, self.plan.constraints))
-            for points, own in zip(sums, counters, strict=True)
+        before = state.memory.lists if state.memory else (None,) * len(evaluated)
+        limits = self.plan.constraints
+        lists = [
+            with_evaluation(old, e, state.generation, limited(e.outcome.counters, limits))
+            for old, e in zip(before, evaluated, strict=True)
         ]
-        order = sorted(range(len(sums)), key=lambda k: merits[k], reverse=True)
-        survivors = order[: max(self.settings.finalists, (len(order) + 1) // 2)]
-        racers = Racers(
-            tuple(evaluated[k].individual.tree for k in survivors),
-            tuple(evaluated[k].individual.id for k in survivors),
-            tuple(sums[k] for k in survivors),
-            tuple(counters[k] for k in survivors),
-        )
-        return SearchState(state.generation + 1, racers)
+
+        def rank(each: Evidence) -> Merit:
+            points = sum(points for _, points in each.fitness)
+            return merit(points, violation(each.means, limits))
+
+        ranked = sorted(lists, key=rank, reverse=True)
+        remaining = max(self.settings.finalists, (len(ranked) + 1) // 2)
+        return SearchState(state.generation + 1, Racers(tuple(ranked[:remaining])))

@@ -10,16 +10,18 @@ noisy tasks: Justesen, Risi and Mouret 2019, "MAP-Elites for noisy domains by ad
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
-from typing import Any, ClassVar
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import compress
+from typing import Any, ClassVar, Final
 
 from pydantic import BaseModel, Field
 
 from islandgp.domain import Schema
+from islandgp.gp.evidence import Evidence, with_evaluation
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Evaluated
-from islandgp.scoring.constraints import NO_COUNTERS, Merit, limited, merit, running_mean, violation
+from islandgp.scoring.constraints import Merit, limited, merit, violation
 from islandgp.search.base import SearchState
 from islandgp.search.breeding import (
     BreedingSearch,
@@ -27,9 +29,10 @@ from islandgp.search.breeding import (
     GenerationPlan,
     Parent,
     digest,
-    parent_of,
 )
 from islandgp.search.descriptor import Descriptor, cell, dimensions, faults, point
+
+FITNESS: Final = " fitness"  # among the means of a tree, beside counters with a constraint
 
 
 class MapElitesSettings(BreedingSettings, frozen=True):
@@ -48,21 +51,10 @@ class MapElitesSettings(BreedingSettings, frozen=True):
 
 
 @dataclass(frozen=True, slots=True)
-class Occupant:
-    """A tree in the grid, with means over its evaluations (one per generation)."""
-
-    parent: Parent  # the tree, with the id of its last individual
-    evaluations: int  # >= 1
-    fitness: float  # mean, points
-    descriptor: tuple[float, ...]  # mean value on each axis of the grid
-    counters: dict[str, float] = field(default_factory=dict)  # means of those with a constraint
-
-
-@dataclass(frozen=True, slots=True)
 class Grid:
     """All trees of the grid, cell by cell, the best of a cell first."""
 
-    occupants: tuple[Occupant, ...]
+    occupants: tuple[Evidence, ...]
 
 
 class MapElitesSlots(BaseModel, frozen=True, extra="forbid"):
@@ -81,70 +73,53 @@ class MapElites(BreedingSearch[MapElitesSettings]):
     def __init__(self, settings: MapElitesSettings, plan: Plan) -> None:
         super().__init__(settings, plan)
         self.dimensions = dimensions(settings.descriptor, plan.classes)
+        self.axes = [f" axis {k}" for k in range(len(self.dimensions))]  # among the means
 
     def plan_next(self, state: SearchState) -> GenerationPlan:
         """See `BreedingSearch`."""
-        occupants: tuple[Occupant, ...] = state.memory.occupants
-        by_cell: dict[tuple[int, ...], Occupant] = {}
+        occupants: tuple[Evidence, ...] = state.memory.occupants
+        by_cell: dict[tuple[int, ...], Evidence] = {}
         for occupant in occupants:  # the best of a cell first
-            by_cell.setdefault(cell(occupant.descriptor, self.settings.bins), occupant)
+            by_cell.setdefault(self._cell(occupant), occupant)
         elites = list(by_cell.values())
-        parents = [elite.parent for elite in elites]
-        mothers = [elite.parent for elite in elites if not self._violation(elite)] or parents
+        parents = [Parent(elite.id, elite.tree) for elite in elites]
+        able = [not self._merit(elite)[0] for elite in elites]
+        mothers = list(compress(parents, able)) or parents
         slots = round(self.plan.allocation.reevaluated * self.plan.gp.population)
         least_evaluated = sorted(
-            elites, key=lambda o: (-o.evaluations, self._merit(o)), reverse=True
+            range(len(elites)),
+            key=lambda k: (-len(elites[k].fitness), self._merit(elites[k])),
+            reverse=True,
         )
         return GenerationPlan(
             pick=lambda rng: (mothers[rng.integers(len(mothers))], parents),
-            reevaluated=[elite.parent for elite in least_evaluated[:slots]],
-            known_digests=(digest(o.parent.tree) for o in occupants),
+            reevaluated=[parents[k] for k in least_evaluated[:slots]],
+            known_digests=(digest(o.tree) for o in occupants),
         )
 
     def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Grid:
         """See `BreedingSearch`."""
         occupants = () if state.memory is None else state.memory.occupants
-        by_digest = {digest(o.parent.tree): o for o in occupants}
+        by_digest = {digest(o.tree): o for o in occupants}
         for e in evaluated:
             key = digest(e.individual.tree)
-            descriptor = point(self.dimensions, e.outcome)
-            counters = limited(e.outcome.counters, self.plan.constraints)
-            by_digest[key] = updated(by_digest.get(key), e, descriptor, counters)
+            place = point(self.dimensions, e.outcome)
+            means = {FITNESS: e.fitness, **dict(zip(self.axes, place, strict=True))}
+            means |= limited(e.outcome.counters, self.plan.constraints)
+            by_digest[key] = with_evaluation(by_digest.get(key), e, state.generation, means)
         cells = self.cells(tuple(by_digest.values())).values()
         return Grid(tuple(o for cell in cells for o in cell[: self.settings.depth]))
 
-    def cells(self, occupants: Sequence[Occupant]) -> dict[tuple[int, ...], list[Occupant]]:
+    def cells(self, occupants: Sequence[Evidence]) -> dict[tuple[int, ...], list[Evidence]]:
         """The occupants of each cell, the best first."""
-        by_cell: dict[tuple[int, ...], list[Occupant]] = {}
+        by_cell: dict[tuple[int, ...], list[Evidence]] = {}
         for occupant in sorted(occupants, key=self._merit, reverse=True):
-            by_cell.setdefault(cell(occupant.descriptor, self.settings.bins), []).append(occupant)
+            by_cell.setdefault(self._cell(occupant), []).append(occupant)
         return by_cell
 
-    def _merit(self, occupant: Occupant) -> Merit:
-        return merit(occupant.fitness, self._violation(occupant))
+    def _cell(self, occupant: Evidence) -> tuple[int, ...]:
+        return cell(tuple(occupant.means[axis] for axis in self.axes), self.settings.bins)
 
-    def _violation(self, occupant: Occupant) -> float:
-        return violation(occupant.counters, self.plan.constraints)
-
-
-def updated(
-    before: Occupant | None,
-    e: Evaluated,
-    descriptor: Sequence[float],
-    counters: Mapping[str, float] = NO_COUNTERS,
-) -> Occupant:
-    """The occupant of a tree after one more evaluation.
-
-    Args:
-        before: the occupant so far; None at its first evaluation.
-        e: the evaluation.
-        descriptor: of this evaluation, a value per axis of the grid.
-        counters: of this evaluation, those with a constraint.
-    """
-    parent = parent_of(e)
-    if before is None:
-        return Occupant(parent, 1, e.fitness, tuple(descriptor), dict(counters))
-    n = before.evaluations + 1
-    means = (old + (new - old) / n for old, new in zip(before.descriptor, descriptor, strict=True))
-    fitness = before.fitness + (e.fitness - before.fitness) / n
-    return Occupant(parent, n, fitness, tuple(means), running_mean(before.counters, counters, n))
+    def _merit(self, occupant: Evidence) -> Merit:
+        means = occupant.means
+        return merit(means[FITNESS], violation(means, self.plan.constraints))

@@ -19,21 +19,21 @@ Survivors without duplicates, and fitness as a mean of reruns: Iovino et al. 202
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from math import sqrt
-from typing import Any, ClassVar, Self
+from typing import Any, ClassVar, Final, Self
 
 import numpy as np
 from pydantic import BaseModel, Field, FiniteFloat
 
 from islandgp.bt.core.node import Node, size
 from islandgp.errors import ConfigError
-from islandgp.gp.evidence import estimate
+from islandgp.gp.evidence import Evidence, estimate, with_evaluation
 from islandgp.gp.plan import Plan
-from islandgp.gp.population import Evaluated, Tree
+from islandgp.gp.population import Evaluated
 from islandgp.gp.selection import by_rank
-from islandgp.scoring.constraints import NO_COUNTERS, Merit, limited, merit, running_mean, violation
+from islandgp.scoring.constraints import Merit, limited, merit, violation
 from islandgp.search.base import SearchContext, SearchState
 from islandgp.search.breeding import (
     MAX_DIGESTS,
@@ -88,27 +88,17 @@ class RacingSettings(BreedingSettings, frozen=True):
         return ("gp.trees", "library") if self.library else ("gp.trees",)
 
 
-@dataclass(frozen=True, slots=True)
-class Entry:
-    """A tree with its evaluations so far."""
-
-    id: str  # of its last individual
-    tree: Tree
-    fitness: tuple[tuple[int, float], ...]  # (generation, points), oldest first
-    bonus: float  # mean over its evaluations, in residual standard deviations
-    outcome_key: str  # of its last outcome; equal for trees that earned the same points
-    counters: dict[str, float] = field(default_factory=dict)
-    """Mean over its evaluations of the counters that have a constraint."""
+BONUS: Final = " bonus"  # among the means of a tree, beside its counters with a constraint
 
 
 @dataclass(frozen=True, slots=True)
 class RacingMemory:
     """The survivors, best first, and the trees evaluated so far."""
 
-    entries: tuple[Entry, ...]
+    entries: tuple[Evidence, ...]
     tried: tuple[str, ...]  # digests of trees
     began: int = 0  # generation in which this population began
-    champions: tuple[Entry, ...] = ()  # the best trees of earlier restarts
+    champions: tuple[Evidence, ...] = ()  # the best trees of earlier restarts
     contenders: tuple[Contender, ...] = ()  # the last generation; () without specialists
 
 
@@ -191,9 +181,8 @@ class Racing(BreedingSearch[RacingSettings]):
         entries = {digest(entry.tree): entry for entry in memory.entries}
         keys = [digest(e.individual.tree) for e in evaluated]
         for key, e in zip(keys, evaluated, strict=True):
-            counters = limited(e.outcome.counters, self.plan.constraints)
-            bonus, before = self._bonus(e), entries.get(key)
-            entries[key] = updated(before, e, bonus, state.generation, counters)
+            means = {BONUS: self._bonus(e), **limited(e.outcome.counters, self.plan.constraints)}
+            entries[key] = with_evaluation(entries.get(key), e, state.generation, means)
         ranked = distinct(self._ranked(list(entries.values()), -1.0), state.generation)
         survivor_count = max(2, round(self.settings.survivors * self.plan.gp.population))
         lexicase = self.settings.specialists and self.plan.gp.episodes > 1
@@ -229,7 +218,7 @@ class Racing(BreedingSearch[RacingSettings]):
         behaviours = len(classes.behaviours_of(e.outcome.counters))
         return settings.milestone * milestones + settings.behaviour * behaviours
 
-    def _ranked(self, entries: Sequence[Entry], sign: float) -> list[Entry]:
+    def _ranked(self, entries: Sequence[Evidence], sign: float) -> list[Evidence]:
         """The entries by the lower confidence bound (`sign` -1) or the upper one (1), best first.
 
         The bound is that of the tree's level, with its bonus and the cost of its nodes. Entries
@@ -240,10 +229,10 @@ class Racing(BreedingSearch[RacingSettings]):
 
         def bound(k: int) -> Merit:
             entry = entries[k]
-            bonus = entry.bonus - settings.parsimony * size(entry.tree)
+            bonus = entry.means[BONUS] - settings.parsimony * size(entry.tree)
             half_width = settings.bound_width / sqrt(len(entry.fitness))
             points = levels[k] + sd * (bonus + sign * half_width)
-            return merit(points, violation(entry.counters, self.plan.constraints))
+            return merit(points, violation(entry.means, self.plan.constraints))
 
         return [entries[k] for k in sorted(range(len(entries)), key=bound, reverse=True)]
 
@@ -253,40 +242,7 @@ def restart_length(settings: RacingSettings, plan: Plan) -> int:
     return round(plan.gp.generations * (1 - settings.joint)) // settings.restarts
 
 
-def updated(
-    before: Entry | None,
-    e: Evaluated,
-    bonus: float,
-    generation: int,
-    counters: Mapping[str, float] = NO_COUNTERS,
-) -> Entry:
-    """The entry of a tree after one more evaluation.
-
-    Args:
-        before: its entry so far; None at its first evaluation.
-        e: the evaluation.
-        bonus: of this evaluation, in residual standard deviations.
-        generation: of this evaluation.
-        counters: of this evaluation, those with a constraint.
-    """
-    individual = e.individual
-    outcome_key = repr((e.fitness, sorted(e.outcome.components.items())))
-    now = (generation, e.fitness)
-    if before is None:
-        return Entry(individual.id, individual.tree, (now,), bonus, outcome_key, dict(counters))
-    n = len(before.fitness) + 1
-    mean = before.bonus + (bonus - before.bonus) / n
-    return replace(
-        before,
-        id=individual.id,
-        fitness=(*before.fitness, now),
-        bonus=mean,
-        outcome_key=outcome_key,
-        counters=running_mean(before.counters, counters, n),
-    )
-
-
-def distinct(entries: Sequence[Entry], generation: int) -> list[Entry]:
+def distinct(entries: Sequence[Evidence], generation: int) -> list[Evidence]:
     """The entries without those of this generation that earned the same points as a better one.
 
     Args:

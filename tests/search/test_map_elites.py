@@ -60,7 +60,7 @@ def test_a_cell_keeps_its_best() -> None:
     ]
     state = search.tell(search.start(), population, NO_ADVICE)
     cells = search.cells(state.memory.occupants)
-    assert {key: [o.parent.id for o in occupants] for key, occupants in cells.items()} == {
+    assert {key: [o.id for o in occupants] for key, occupants in cells.items()} == {
         (2, 0, 0, 0): ["0.1", "0.2"],
         (0, 0, 1, 0): ["0.3"],
     }
@@ -77,10 +77,10 @@ def test_an_elite_is_worth_the_mean_of_its_episodes() -> None:
     second = [evaluated("1.0", -50, tree=TREES[0], pickups=4)]
     state = search.tell(state, second, NO_ADVICE)
     best, behind = state.memory.occupants
-    assert (best.parent.id, best.evaluations, best.fitness) == ("0.1", 1, 60)
-    assert (behind.parent.id, behind.evaluations, behind.fitness) == ("1.0", 2, 25)
+    assert (best.id, len(best.fitness), best.means[" fitness"]) == ("0.1", 1, 60)
+    assert (behind.id, len(behind.fitness), behind.means[" fitness"]) == ("1.0", 2, 25)
     scaled = dimension("x").scaled
-    assert behind.descriptor[0] == pytest.approx((scaled(2) + scaled(4)) / 2)
+    assert behind.means[" axis 0"] == pytest.approx((scaled(2) + scaled(4)) / 2)
 
 
 def test_elites_are_evaluated_again() -> None:
