@@ -6,7 +6,7 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from contextlib import suppress
 from itertools import pairwise
 from textwrap import shorten
-from typing import TYPE_CHECKING, Final
+from typing import TYPE_CHECKING, Final, NamedTuple
 
 from islandgp.bt.core.condition import OPERATORS
 from islandgp.bt.core.kinds import KEYWORDS, KINDS
@@ -31,6 +31,7 @@ FOREIGN_WORDS: Final = {
 }  # fmt: skip
 """Keywords of other languages, with the correct form."""
 
+_NODE: Final = "a node or an action"
 _COMMENT: Final = "#, which begins a comment"
 _BLANK: Final = "a blank, which separates nodes"
 _SIGNS: Final = {
@@ -119,7 +120,7 @@ def unknown_node(
         guess = f"when {vocabulary.keys[name].example(name)} {{ ... }}"
     kind = "node" if rest.startswith("{") else "action"
     guess = guess or closest(name, [*NODE_WORDS, *vocabulary.actions, *parameters])
-    expected = "a node or an action" if guess else node_words(vocabulary)
+    expected = _NODE if guess else node_words(vocabulary)
     return _unknown(word, kind, expected, (), guess)
 
 
@@ -141,6 +142,21 @@ def _listing(names: Iterable[str]) -> str:
     return shorten(", ".join(names), 200, placeholder=" ...") or "none so far"
 
 
+class _Fault(NamedTuple):
+    """A place where a text is no longer in the language."""
+
+    source: Source
+    token: Token  # the word that is not accepted; $END at the end of the text
+    before: Sequence[Token]  # the words before it
+    accepted: frozenset[str]  # the terminals that can follow these
+    vocabulary: Vocabulary
+
+    @property
+    def previous(self) -> str:
+        """The last word before it."""
+        return str(self.before[-1]) if self.before else ""
+
+
 def syntax_error(
     source: Source, error: UnexpectedInput, rule: str, vocabulary: Vocabulary | None
 ) -> TreeError:
@@ -154,35 +170,25 @@ def syntax_error(
     """
     from lark.exceptions import UnexpectedToken
 
-    token = error.token if isinstance(error, UnexpectedToken) else None
     before = _words_before(source, error, rule)
     if vocabulary and (unknown := _unknown_before(source, before, vocabulary)):
         return unknown
-    if token is None:
+    if not isinstance(error, UnexpectedToken):
         return _wrong_character(source, error)
     accepted, known = _accepted(source, before, rule, vocabulary), vocabulary or EMPTY_VOCABULARY
-    expected, candidates = _expected(accepted, before, known)
-    unclosed = _unclosed(source, before)
-    node = _node_of(before[:unclosed]) if unclosed is not None else ""
-    message = f"unexpected {shown(token)}"
-    if token.type == "$END":
-        message = "the text ends too early"
-        if not before:
-            return source.error("there is no tree in the text", 1, 1, expected=expected)
-        if "SUBTREE" in accepted:
-            message = "there is no tree after the definitions"
-        elif unclosed is not None:
-            message += f": the brace of the {node} in line {before[unclosed].line} is not closed"
-        line, column = before[-1].end_line or 1, before[-1].end_column or 1
-        return source.error(message, line, column, expected=expected)
-    if token == "}" and "SELECTOR" in accepted and node:
-        message, expected = f"this {node} needs more children", "a node or an action"
+    fault = _Fault(source, error.token, before, accepted, known)
+    if error.token.type == "$END":
+        return _early_end(fault)
+    message, token = f"unexpected {shown(error.token)}", error.token
+    expected, candidates = _expected(fault)
+    unclosed = _unclosed(fault)
+    if token == "}" and "SELECTOR" in accepted and unclosed is not None:
+        message, expected = f"this {_node_of(before[:unclosed])} needs more children", _NODE
     elif accepted == {"RBRACE"}:
         message += "; this node takes no more children, so wrap several in a sequence or a selector"
     elif accepted - {"LPAR"} == {"$END"}:
         message += "; a file holds one tree, after its subtrees"
-    guess = _instead(source, token, before, accepted, known)
-    guess = guess or closest(token.strip('"'), candidates)
+    guess = _instead(fault) or closest(token.strip('"'), candidates)
     return source.error_at(token, message, expected=expected, guess=guess)
 
 
@@ -195,11 +201,10 @@ def _words_before(source: Source, error: UnexpectedInput, rule: str) -> list[Tok
     before: list[Token] = []
     with suppress(UnexpectedInput):  # the fault itself
         before.extend(words(source.text, rule))
-    pos = error.pos_in_stream or 0
-    if not isinstance(error, UnexpectedToken):
-        return [word for word in before if (word.end_pos or 0) < pos]
-    ends = error.token.type == "$END"
-    return [word for word in before if ends or (word.start_pos or 0) < pos]
+    if isinstance(error, UnexpectedToken):
+        end = len(source.text) if error.token.type == "$END" else error.token.start_pos or 0
+        return [word for word in before if (word.start_pos or 0) < end]
+    return [word for word in before if (word.end_pos or 0) < (error.pos_in_stream or 0)]
 
 
 def _accepted(
@@ -247,18 +252,34 @@ def _wrong_character(source: Source, error: UnexpectedInput) -> TreeError:
     )
 
 
+def _early_end(fault: _Fault) -> TreeError:
+    """The error after the last word of a text that ends too early."""
+    source, before, expected = fault.source, fault.before, _expected(fault)[0]
+    if not before:
+        return source.error("there is no tree in the text", 1, 1, expected=expected)
+    message = "the text ends too early"
+    if "SUBTREE" in fault.accepted:
+        message = "there is no tree after the definitions"
+    elif (brace := _unclosed(fault)) is not None:
+        node, line = _node_of(before[:brace]), before[brace].line
+        message += f": the brace of the {node} in line {line} is not closed"
+    return source.error(
+        message, before[-1].end_line or 1, before[-1].end_column or 1, expected=expected
+    )
+
+
 def _node_of(tokens: Sequence[Token]) -> str:
     """The word of the node whose head ends there."""
     return next(str(word) for word in reversed(tokens) if word in KINDS)
 
 
-def _unclosed(source: Source, tokens: Sequence[Token]) -> int | None:
+def _unclosed(fault: _Fault) -> int | None:
     """The index of the brace that is probably not closed; None if each one is.
 
     A closing brace that begins a line belongs to a line that is indented as much. If its
     counterpart is indented more, that one is not closed.
     """
-    lines = source.text.split("\n")
+    lines, tokens = fault.source.text.split("\n"), fault.before
     braces: list[int] = []
     for at, token in enumerate(tokens):
         if token == "{":
@@ -272,26 +293,21 @@ def _unclosed(source: Source, tokens: Sequence[Token]) -> int | None:
     return braces[-1] if braces else None
 
 
-def _instead(
-    source: Source,
-    token: Token,
-    before: Sequence[Token],
-    accepted: Collection[str],
-    vocabulary: Vocabulary,
-) -> str:
+def _instead(fault: _Fault) -> str:
     """The likely correction of a word that the grammar does not accept; "" if unknown."""
-    previous, start = str(before[-1]) if before else "", token.start_pos or 0
-    for signs in (source.text[start : start + 2], source.text[max(0, start - 1) : start + 1]):
+    token, accepted, text = fault.token, fault.accepted, fault.source.text
+    start = token.start_pos or 0
+    for signs in (text[start : start + 2], text[max(0, start - 1) : start + 1]):
         if len(signs) == 2 and signs in _SIGNS:
             return _SIGNS[signs]
     if token == "," and "RBRACE" in accepted:
         return _BLANK
     if token == "{" and "COMMA" in accepted:
         return "a `use` of a subtree that is defined above"
-    if accepted == {"COLON"}:
-        arguments = vocabulary.action(str(before[-3])).arguments if len(before) > 2 else {}
-        named = [name for name, each in arguments.items() if previous in each.words]
-        return f"{named[0]}: {previous}" if named else ""
+    if accepted == {"COLON"} and len(fault.before) > 2:
+        arguments = fault.vocabulary.action(str(fault.before[-3])).arguments
+        named = [name for name, each in arguments.items() if fault.previous in each.words]
+        return f"{named[0]}: {fault.previous}" if named else ""
     if token.type == "NUMBER" and "SUCCESS" in accepted:
         return f"success {token}"
     if token in ("=", "is", "in") and "OPERATOR" in accepted:
@@ -299,22 +315,19 @@ def _instead(
     return FOREIGN_WORDS.get(token.lower(), "") if token.type == "NAME" else ""
 
 
-def _expected(
-    accepted: Collection[str], before: Sequence[Token], vocabulary: Vocabulary
-) -> tuple[str, Sequence[str]]:
+def _expected(fault: _Fault) -> tuple[str, Sequence[str]]:
     """The accepted words, as a text and as candidates for a correction."""
-    compared, previous = ["", "", *map(str, before)][-2:]
+    accepted, previous, vocabulary = fault.accepted, fault.previous, fault.vocabulary
     if "SELECTOR" in accepted:
         first = [w for w in ("domain", "include", "constant", "subtree") if w.upper() in accepted]
         words = [*first, *NODE_WORDS, *vocabulary.actions]
         return "} or " * ("RBRACE" in accepted) + node_words(vocabulary), words
-    if "NAME" in accepted and "NUMBER" in accepted:
-        key = vocabulary.keys.get(compared) if previous in OPERATORS else None
-        if key and key.words:
-            return key.kind, key.words
-        if previous in OPERATORS or "USE" not in accepted:
-            return "a number, or the name of a constant or parameter", ()
+    if "USE" in accepted:
         return "a number, a key, a word, a text in quotes, an action or a `use`", ()
+    if "NAME" in accepted and "NUMBER" in accepted:
+        key = vocabulary.keys.get(str(fault.before[-2])) if previous in OPERATORS else None
+        words = [*(key.words if key else ())]
+        return " | ".join(words) or "a number, or the name of a constant or parameter", words
     if "NAME" in accepted:
         if "NOT" in accepted or previous == "set":
             keys = [*vocabulary.keys]
