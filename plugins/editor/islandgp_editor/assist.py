@@ -10,7 +10,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
-from typing import Final, Literal, TypeAlias
+from typing import Final, Literal, NamedTuple, TypeAlias
 
 from islandgp.bt.core.arithmetic import SIGNS
 from islandgp.bt.core.condition import OPERATORS
@@ -47,7 +47,7 @@ MEANINGS: Final = {
 
 
 @dataclass(frozen=True, slots=True)
-class Offer:
+class Completion:
     """A completion."""
 
     text: str
@@ -55,9 +55,24 @@ class Offer:
     detail: str  # meaning, one line
 
 
-def offers(
+class _Place(NamedTuple):
+    """A position in a text, and what is known there."""
+
+    code: Sequence[str]  # the words before it
+    accepted: frozenset[str]  # terminals of the grammar
+    vocabulary: Vocabulary
+    before: str  # the text before it
+    folder: Path
+
+    @property
+    def last(self) -> str:
+        """The word before it."""
+        return self.code[-1] if self.code else ""
+
+
+def completions(
     text: str, offset: int, vocabulary: Vocabulary, folder: Path, domains: Sequence[str] = ()
-) -> list[Offer]:
+) -> list[Completion]:
     """Completions at a position, including the word that is being typed there.
 
     Args:
@@ -74,67 +89,66 @@ def offers(
     typed_words = words_of(before)
     if typed_words and typed_words[-1].text[0] == "#" and "\n" not in before[typed_words[-1].end :]:
         return []
-    code = [word.text for word in code_words(before)]
     accepted = following(before)
+    code = [word.text for word in code_words(before)]
+    place = _Place(code, accepted, vocabulary, f"{before}\n", folder)
     words = [name.lower() for name in sorted(accepted) if name.lower() in MEANINGS]
-    completions = [Offer(word, "word", MEANINGS[word]) for word in words]
+    found = [Completion(word, "word", MEANINGS[word]) for word in words]
     if "OPERATOR" in accepted:
-        completions += [Offer(sign, "word", "compares the key with a number") for sign in OPERATORS]
-    if "NAME" in accepted:
-        completions += _names(code, accepted, vocabulary, f"{before}\n", folder, domains)
-    return completions
+        found += [Completion(sign, "word", "compares the key with a number") for sign in OPERATORS]
+    if place.last == "domain":
+        return [*found, *(Completion(name, "word", "a domain") for name in domains)]
+    return [*found, *_names(place)] if "NAME" in accepted else found
 
 
-def _names(
-    code: Sequence[str],
-    accepted: frozenset[str],
-    vocabulary: Vocabulary,
-    before: str,
-    folder: Path,
-    domains: Sequence[str],
-) -> list[Offer]:
-    """The names that can follow these words."""
-    last = code[-1] if code else ""
-    own = _parameters(before, folder)
-    parameters = [Offer(name, "number", detail) for name, detail in own.items()]
+def _names(place: _Place) -> list[Completion]:
+    """The names that can stand at a place."""
+    own = _parameters(place.before, place.folder)
+    parameters = [Completion(name, "number", detail) for name, detail in own.items()]
+    vocabulary, accepted, last = place.vocabulary, place.accepted, place.last
     if last == "use":
-        unfinished = _unfinished(code)
-        trees = subtrees(before, folder).items()
-        return [Offer(name, "subtree", lead) for name, lead in trees if name != unfinished]
-    if arguments := _arguments(code, vocabulary):
+        return _subtree_names(place)
+    if arguments := _arguments(place.code, vocabulary):
         if last != ":":
-            about = {key: f"{each.meaning}: {value_range(each)}" for key, each in arguments.items()}
-            return [Offer(key, "key", detail) for key, detail in about.items()]
-        key = code[-2]
+            return [
+                Completion(key, "key", f"{each.meaning}: {value_range(each)}")
+                for key, each in arguments.items()
+            ]
+        key = place.code[-2]
         if key in arguments and (words := arguments[key].words):
-            return [*(Offer(word, "word", f"a value of {key}") for word in words), *parameters]
-    if last == "domain":
-        return [Offer(name, "word", "a domain") for name in domains]
-    actions = [Offer(name, "action", each.meaning) for name, each in vocabulary.actions.items()]
-    keys = [Offer(name, "key", key.meaning) for name, key in vocabulary.keys.items()]
-    if "NUMBER" in accepted and "NOT" not in accepted:
-        numbers = _numbers(before, folder).items()
-        compared = code[-2] if len(code) > 1 and last in OPERATORS else ""
-        return [
-            *_values_of(compared, vocabulary),
-            *(Offer(name, "number", detail) for name, detail in numbers),
-            *((*keys, *actions) if "USE" in accepted else keys if last in SIGNS else ()),
-        ]
+            return [*(Completion(word, "word", f"a value of {key}") for word in words), *parameters]
+    actions = [Completion(n, "action", each.meaning) for n, each in vocabulary.actions.items()]
+    keys = [Completion(name, "key", key.meaning) for name, key in vocabulary.keys.items()]
     if "SELECTOR" in accepted:
         return [*actions, *parameters]
     if "NOT" in accepted:
         return [*keys, *parameters]
-    return []  # a new name
+    if "NUMBER" not in accepted:
+        return []  # a new name
+    numbers = _numbers(place.before, place.folder).items()
+    compared = place.code[-2] if len(place.code) > 1 and last in OPERATORS else ""
+    return [
+        *_values_of(compared, vocabulary),
+        *(Completion(name, "number", detail) for name, detail in numbers),
+        *((*keys, *actions) if "USE" in accepted else keys if last in SIGNS else ()),
+    ]
 
 
-def _values_of(name: str, vocabulary: Vocabulary) -> list[Offer]:
+def _subtree_names(place: _Place) -> list[Completion]:
+    """The subtrees that are defined before a place, but not the one that it is in."""
+    unfinished = _unfinished(place.code)
+    trees = subtrees(place.before, place.folder).items()
+    return [Completion(name, "subtree", lead) for name, lead in trees if name != unfinished]
+
+
+def _values_of(name: str, vocabulary: Vocabulary) -> list[Completion]:
     """The words and keys that a key can be compared with."""
     if name not in vocabulary.keys:
         return []
     others = ((key, vocabulary.keys[key].meaning) for key in vocabulary.comparable(name))
     return [
-        *(Offer(word, "word", f"a value of {name}") for word in vocabulary.keys[name].words),
-        *(Offer(key, "key", meaning) for key, meaning in others),
+        *(Completion(word, "word", f"a value of {name}") for word in vocabulary.keys[name].words),
+        *(Completion(key, "key", meaning) for key, meaning in others),
     ]
 
 

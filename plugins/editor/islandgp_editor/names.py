@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from bisect import bisect
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Final, NamedTuple
 
@@ -53,56 +54,86 @@ class Occurrence(NamedTuple):
     whole: Word | None = None  # of a definition of a subtree or a constant: all of it
 
 
-def occurrences(text: str) -> Iterator[Occurrence]:
+class _Definition(NamedTuple):
+    """A definition of a subtree or a constant; first and last are indices of words."""
+
+    symbol: Symbol
+    name: Word
+    parameters: Mapping[str, Word]
+    first: int
+    last: int
+
+
+def occurrences(text: str) -> list[Occurrence]:
     """All names of subtrees, constants and parameters in a text, which may have errors."""
-    tokens = code_words(text)
-    owner, parameters, body_end = "", set[str](), -1
-    of_uses: list[bool] = []  # for each open bracket: True if it follows a `use` and its name
-    at = 0
-    while at < len(tokens):
-        token, previous = tokens[at], tokens[at - 1].text if at else ""
-        following = tokens[at + 1].text if at + 1 < len(tokens) else ""
-        is_name = NAME.fullmatch(token.text) is not None
-        if token.text == "(":
-            of_uses.append(at > 1 and tokens[at - 2].text == "use")
-        elif token.text in (")", "{"):
-            of_uses = of_uses[:-1] if token.text == ")" else []
-        if at > body_end:
-            owner, parameters = "", set()
-        if is_name and previous == "subtree":
-            heading = _closing_index(tokens, at + 1)
-            body_end = _body_end(tokens, heading + 1)
-            inside = [each for each in tokens[at + 1 : heading] if NAME.fullmatch(each.text)]
-            owner, parameters = token.text, {each.text for each in inside}
-            whole = _between(tokens, at - 1, body_end)
-            yield Occurrence(Symbol("subtree", owner), token, whole)
-            yield from (Occurrence(Symbol("parameter", w.text, owner), w) for w in inside)
-            at = heading
+    words = code_words(text)
+    defined = list(_definitions(words))
+    found: list[Occurrence] = []
+    for each in defined:
+        whole = Word("", words[each.first].start, words[each.last].end)
+        found.append(Occurrence(each.symbol, each.name, whole))
+        owner = each.symbol.name
+        found += [Occurrence(Symbol("parameter", n, owner), w) for n, w in each.parameters.items()]
+    heads = {each.word.start for each in found}
+    passed, firsts = _passed(words), [each.first for each in defined]
+    for at, word in enumerate(words):
+        if word.start in heads or not NAME.fullmatch(word.text):
             continue
-        if is_name and previous == "constant":
-            whole = _between(tokens, at - 1, at + 2)
-            yield Occurrence(Symbol("constant", token.text), token, whole)
-        elif is_name and previous == "use":
-            yield Occurrence(Symbol("subtree", token.text), token)
-        elif is_name and following != ":":
-            if token.text in parameters:
-                yield Occurrence(Symbol("parameter", token.text, owner), token)
-            elif previous == ":" or of_uses[-1:] == [True] or _is_number(tokens, at):
-                yield Occurrence(Symbol("constant", token.text), token)
-        at += 1
+        before = defined[max(0, bisect(firsts, at) - 1) :][:1]
+        owners = [each for each in before if each.first <= at <= each.last]
+        if symbol := _symbol(words, at, owners, is_passed=passed[at]):
+            found.append(Occurrence(symbol, word))
+    return sorted(found, key=lambda each: each.word.start)
 
 
-def _between(tokens: Sequence[Word], first: int, last: int) -> Word:
-    """The part of the text from one word to another, or to its last word."""
-    return Word("", tokens[first].start, tokens[min(last, len(tokens) - 1)].end)
+def _definitions(words: Sequence[Word]) -> Iterator[_Definition]:
+    at = 0
+    while at < len(words) - 1:
+        kind, name = words[at].text, words[at + 1]
+        last, parameters = at, dict[str, Word]()
+        if kind == "subtree" and NAME.fullmatch(name.text):
+            heading = _closing_index(words, at + 2)
+            parameters = {w.text: w for w in words[at + 2 : heading] if NAME.fullmatch(w.text)}
+            last = _body_end(words, heading + 1)
+        elif kind == "constant" and NAME.fullmatch(name.text):
+            last = at + 3
+        if last > at:
+            last = min(last, len(words) - 1)
+            yield _Definition(Symbol(kind, name.text), name, parameters, at, last)
+        at = last + 1
 
 
-def _is_number(tokens: Sequence[Word], at: int) -> bool:
-    """True behind an operator, a count or a time, and as the value of a constant."""
-    if not at or tokens[at].text in RESERVED:
-        return False
-    named = at > 2 and tokens[at - 1].text == "=" and tokens[at - 3].text == "constant"
-    return named or tokens[at - 1].text in BEFORE_NUMBERS
+def _passed(words: Sequence[Word]) -> list[bool]:
+    """For each word: True if it is in the brackets behind a `use` and its name."""
+    of_uses: list[bool] = []  # for each open bracket
+    passed: list[bool] = []
+    for at, word in enumerate(words):
+        if word.text == "(":
+            of_uses.append(at > 1 and words[at - 2].text == "use")
+        elif word.text == ")":
+            of_uses = of_uses[:-1]
+        elif word.text == "{":
+            of_uses = []
+        passed.append(of_uses[-1:] == [True])
+    return passed
+
+
+def _symbol(
+    words: Sequence[Word], at: int, owners: Sequence[_Definition], *, is_passed: bool
+) -> Symbol | None:
+    """What a name refers to; `owners`: the definition around it, if any."""
+    name, previous = words[at].text, words[at - 1].text if at else ""
+    if previous == "use":
+        return Symbol("subtree", name)
+    if at + 1 < len(words) and words[at + 1].text == ":":
+        return None
+    for owner in owners:
+        if name in owner.parameters:
+            return Symbol("parameter", name, owner.symbol.name)
+    is_value = at > 2 and previous == "=" and words[at - 3].text == "constant"
+    if name not in RESERVED and (is_passed or is_value or previous in {":", *BEFORE_NUMBERS}):
+        return Symbol("constant", name)
+    return None
 
 
 def _closing_index(tokens: Sequence[Word], at: int) -> int:

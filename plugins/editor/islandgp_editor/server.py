@@ -22,7 +22,7 @@ from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
 from islandgp.commands.check_command import findings, plain_error, plain_finding
 from islandgp.commands.files import TreeText
 from islandgp.errors import IslandError, TreeError
-from islandgp_editor.assist import meaning, offers
+from islandgp_editor.assist import completions, meaning
 from islandgp_editor.names import (
     Symbol,
     Word,
@@ -119,10 +119,10 @@ def completion(server: Server, params: types.CompletionParams) -> list[types.Com
     if len(document.source) > MAX_CHARACTERS:
         return []
     vocabulary = server.known(document)
-    completions = offers(document.source, at, vocabulary, _folder(document), list(server.domains))
+    found = completions(document.source, at, vocabulary, _folder(document), list(server.domains))
     return [
         types.CompletionItem(label=each.text, kind=COMPLETION_KINDS[each.sort], detail=each.detail)
-        for each in completions
+        for each in found
     ]
 
 

@@ -20,7 +20,7 @@ from islandgp.bt.core.kinds import KINDS
 from islandgp.bt.core.language import parse
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import TreeError
-from islandgp_editor.assist import meaning, offers, subtrees
+from islandgp_editor.assist import completions, meaning, subtrees
 from islandgp_editor.names import definitions, occurrences, references, renamed, symbol_at
 from tests.bt.test_subtree_parameters import HOSTILE
 from tests.bt.test_words_of_keys import BOT, MODES
@@ -35,7 +35,7 @@ KEYS = {*VOCABULARY.keys}
 
 
 @pytest.mark.parametrize(
-    ("text", "completions"),
+    ("text", "expected"),
     [
         ("", {"domain", "include", "constant", "subtree"} | NODES | ACTIONS),
         ("domain ", {"island", "maze"}),
@@ -66,15 +66,15 @@ KEYS = {*VOCABULARY.keys}
         ("selector { PatrolWaypoint } ", set()),
     ],
 )
-def test_completion(text: str, completions: set[str], tmp_path: Path) -> None:
+def test_completion(text: str, expected: set[str], tmp_path: Path) -> None:
     """What could continue a text at its end, and nothing else."""
-    all_offers = offers(text, len(text), VOCABULARY, tmp_path, ["island", "maze"])
-    assert {offer.text for offer in all_offers} == completions
-    assert all(offer.detail for offer in all_offers)
+    found = completions(text, len(text), VOCABULARY, tmp_path, ["island", "maze"])
+    assert {offer.text for offer in found} == expected
+    assert all(offer.detail for offer in found)
 
 
 @pytest.mark.parametrize(
-    ("text", "completions"),
+    ("text", "expected"),
     [
         ("when mode ", {"==", "!="}),
         ("when mode == ", {*MODES, "before"}),
@@ -82,9 +82,9 @@ def test_completion(text: str, completions: set[str], tmp_path: Path) -> None:
         ("constant low = 5 when charge < ", {"reserve", "items", "low"}),
     ],
 )
-def test_completion_of_words(text: str, completions: set[str]) -> None:
+def test_completion_of_words(text: str, expected: set[str]) -> None:
     """Words and keys that can be compared, and the operators that words have."""
-    assert {offer.text for offer in offers(text, len(text), BOT, Path())} >= completions
+    assert {offer.text for offer in completions(text, len(text), BOT, Path())} >= expected
 
 
 @pytest.mark.parametrize("name", HOSTILE)
@@ -98,7 +98,7 @@ def test_hostile_arguments(name: str) -> None:
 def test_every_completed_action_parses() -> None:
     """A word that is offered is one that the language takes."""
     text = "sequence { PatrolWaypoint "
-    for offer in offers(text, len(text), VOCABULARY, Path()):
+    for offer in completions(text, len(text), VOCABULARY, Path()):
         if offer.sort == "action":
             assert parse(f"{text}{offer.text} }}", VOCABULARY).kind == "sequence"
 
@@ -137,8 +137,8 @@ def test_included_names(tmp_path: Path) -> None:
     (tmp_path / "lib.bt").write_text('include "lib.bt"\nsubtree far = SeekCharger\nconstant n = 3')
     text = 'include "lib.bt"\ninclude "none.bt"\ninclude "../x.bt"\nsubtree near = use far\n'
     assert list(subtrees(text, tmp_path)) == ["far", "near"]
-    all_offers = offers(f"{text}repeater ", len(text) + 9, VOCABULARY, tmp_path)
-    assert [offer.text for offer in all_offers] == ["n"]
+    found = completions(f"{text}repeater ", len(text) + 9, VOCABULARY, tmp_path)
+    assert [offer.text for offer in found] == ["n"]
 
 
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="needs pipes")
