@@ -11,7 +11,7 @@ A tree has e.g. `MoveTo(goal: door, speed: 0.8)`. Arguments that are left out ha
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass
 from functools import cache
@@ -220,15 +220,19 @@ def argument_values(args: ActionArgs, parameters: Mapping[str, Parameter]) -> di
 
 def bound(args: ActionArgs, parameters: Mapping[str, Parameter]) -> dict[str, Value | bool]:
     """`argument_values` for the leaf's code: a flag is True or False, a whole number an int."""
-    types = {"flag": NO_YES.index, "integer": int}
+    types: dict[str, Callable[[Any], Any]] = {"flag": _is_yes, "integer": int}
+    return {
+        name: value if referenced(value) else types.get(parameters[name].sort, _same)(value)
+        for name, value in argument_values(args, parameters).items()
+    }
 
-    def typed(name: str, value: Value) -> Value | bool:
-        convert: Any = types.get(parameters[name].sort)
-        if convert is None or referenced(value):
-            return value
-        return bool(convert(value)) if parameters[name].sort == "flag" else convert(value)
 
-    return {name: typed(name, value) for name, value in argument_values(args, parameters).items()}
+def _is_yes(value: Value) -> bool:
+    return value == NO_YES[1]
+
+
+def _same(value: Value) -> Value:
+    return value
 
 
 def check_range(entry: Any, whole: Iterable[float], *, above_0: bool = False) -> None:
