@@ -7,7 +7,6 @@ from collections.abc import Mapping, Sequence
 from math import inf
 from typing import Any, Final, TypeAlias
 
-from islandgp.bt.core import messages
 from islandgp.bt.core.arithmetic import (
     Formula,
     Named,
@@ -93,6 +92,8 @@ class NodeBuilder:
         word = self.word(token, NUMBER)
         if word.type == "NAME" and not word.open:
             if word.text not in self.constants:
+                from islandgp.bt.core import messages  # only for trees with errors
+
                 raise messages.unknown_constant(word, self.constants)
             self.used.add(("constant", word.text))
             word = self.constants[word.text]
@@ -169,6 +170,8 @@ class NodeBuilder:
         other = self._keys.get(word.text)
         is_alike = other and key and other.kind == key.kind and word.text != name.text
         if key is not None and not is_alike:
+            from islandgp.bt.core import messages  # only for trees with errors
+
             raise messages.wrong_operand(name.text, word, self._keys, self.constants)
         return 0.0, word.text
 
@@ -215,6 +218,8 @@ class NodeBuilder:
             return None
         key = self._keys.get(name.text)
         if key is None:
+            from islandgp.bt.core import messages  # only for trees with errors
+
             raise messages.unknown_key(name, self.vocabulary, self.values)
         if operator not in (key.operators or ("",)):
             operators = f", with one of {' '.join(key.operators)}" * bool(key.operators)
@@ -229,10 +234,14 @@ class NodeBuilder:
         if self.vocabulary is not None and not name.open:
             key = self._keys.get(name.text)
             if key is None or not key.writable:
+                from islandgp.bt.core import messages  # only for trees with errors
+
                 raise messages.unwritable(name, self._keys)
         if hasattr(right, "children"):
             if key is not None and key.choices:
                 word = Word(first_word(right), self.source)
+                from islandgp.bt.core import messages  # only for trees with errors
+
                 raise messages.wrong_operand(name.text, word, self._keys, self.constants)
             self._operands = 0
             assigned = comparison(name.text, "=", self._term(right, 1))
@@ -284,6 +293,8 @@ class NodeBuilder:
     def leaf(self, name: Word, pairs: Sequence[tuple[Token, Token]]) -> Node:
         """A leaf from its name, and the names and values of its arguments. Raises TreeError."""
         if self.vocabulary is not None and name.text not in self.vocabulary.actions:
+            from islandgp.bt.core import messages  # only for trees with errors
+
             raise messages.unknown_node(name, self.subtrees, self.vocabulary, self.values)
         values: dict[str, Value] = {}
         for key, value in pairs:
@@ -307,6 +318,8 @@ class NodeBuilder:
             return Quoted(word.text) if quoted else word.text
         parameters = self.vocabulary.actions[action].arguments
         if key not in parameters:
+            from islandgp.bt.core import messages  # only for trees with errors
+
             raise messages.unknown_argument(Word(key, self.source), action, parameters)
         parameter = parameters[key]
         if word.open:
