@@ -11,7 +11,6 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Future, wait
 from dataclasses import replace
-from functools import lru_cache
 from typing import Annotated, Final
 
 import numpy as np
@@ -87,16 +86,11 @@ def ask(
         raise _wrong(f"{path}.advise", expected, repr(target))
     if tree is not None and vocabulary is not None:
         try:
-            guidance = replace(guidance, tree=_parsed(to_text(tree), vocabulary))
+            guidance = replace(guidance, tree=parse(to_text(tree), vocabulary))
         except TreeError:
             expected = f"a Guidance whose tree is of the domain {vocabulary.domain}"
             raise _wrong(f"{path}.advise", expected, repr(to_text(tree)[:60])) from None
     return guidance
-
-
-@lru_cache(maxsize=64)  # supervisors return the same trees repeatedly
-def _parsed(text: str, vocabulary: Vocabulary) -> Node:
-    return parse(text, vocabulary)
 
 
 def _wrong(method: str, expected: str, found: str | ValidationError) -> SupervisionError:

@@ -7,8 +7,9 @@ shows the first difference.
 
 from __future__ import annotations
 
-import difflib
 import json
+from difflib import unified_diff
+from itertools import islice
 from pathlib import Path
 from typing import ClassVar
 
@@ -122,11 +123,8 @@ class RecordedCalls:
 
 def difference(recorded: Request, now: Request) -> str:
     """The unified diff of two requests, at most 40 lines."""
-    lines = list(
-        difflib.unified_diff(_lines(recorded), _lines(now), "recorded", "now", lineterm="", n=1)
-    )
-    tail = [f"... and {len(lines) - 40} lines more"] if len(lines) > 40 else []
-    return "\n".join(lines[:40] + tail)
+    texts = (_lines(recorded), _lines(now))
+    return "\n".join(islice(unified_diff(*texts, "recorded", "now", lineterm="", n=1), 40))
 
 
 def _lines(request: Request) -> list[str]:

@@ -8,10 +8,10 @@ from threading import Thread
 
 import pytest
 
-from islandgp.supervision.llm.budget import Ledger, Pace
+from islandgp.supervision.llm.budget import Pace
 from islandgp.supervision.llm.calls import LiveCalls
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request
-from islandgp.supervision.llm.settings import Caps, PerMinute, RetrySettings
+from islandgp.supervision.llm.settings import PerMinute
 from islandgp.supervision.llm.transcript import Call, Transcript
 from tests.llm.samples import USAGE, settings
 
@@ -77,14 +77,12 @@ class Strict:
 def test_four_runs_lose_no_answer(tmp_path: Path) -> None:
     """Of a server that is stricter than they are together."""
     server = Strict()
-    retry = RetrySettings(attempts=1, deadline=5, first_wait=0, longest_wait=0, retry_after_most=0)
+    policy = settings("retry.attempts=1")
     answers: list[Reply | Failure] = []
 
     def run() -> None:
-        transcript = Transcript(None)
-        ledger = Ledger(transcript, None, Caps(seconds=None))
-        shared = pace(tmp_path, requests=900)
-        calls = LiveCalls(server, transcript, ledger, retry, seed=0, pace=shared)
+        calls = LiveCalls(server, Transcript(None), policy, seed=0)
+        calls.pace = pace(tmp_path, requests=900)
         answers.extend(calls.ask(Call(g, "rate", 0), ASK) for g in range(4))
 
     threads = [Thread(target=run) for _ in range(4)]
@@ -98,5 +96,5 @@ def test_four_runs_lose_no_answer(tmp_path: Path) -> None:
 
 def test_without_limits_nobody_waits() -> None:
     """The default."""
-    assert not settings().per_minute.is_limited
-    assert settings("per_minute.requests=50").per_minute.is_limited
+    assert Pace.of(settings()) is None
+    assert Pace.of(settings("per_minute.requests=50")) is not None

@@ -6,26 +6,24 @@ from dataclasses import replace
 
 import pytest
 
-from islandgp.supervision.llm.budget import Ledger
 from islandgp.supervision.llm.calls import LiveCalls, ask_with_less, supported
 from islandgp.supervision.llm.message import TRANSIENT, Failure, FailureKind, Reply, Request, Usage
-from islandgp.supervision.llm.settings import Caps, RetrySettings
+from islandgp.supervision.llm.settings import RetrySettings
 from islandgp.supervision.llm.transcript import Call, Transcript
-from tests.llm.samples import FakeClient, failed, reply_of
+from tests.llm.samples import FakeClient, failed, reply_of, settings
 
 RETRIES = RetrySettings(attempts=3, deadline=30, first_wait=1, longest_wait=20, retry_after_most=30)
 ASK = Request("m", "s", ("u",), 100)
 CALL = Call(4, "rate", 0)
-NO_CAPS = Caps(requests=None, input_tokens=None, output_tokens=None, usd=None, seconds=None)
 
 
 def calls(
     client: FakeClient, retries: RetrySettings = RETRIES, seed: int = 0
 ) -> tuple[LiveCalls, list[float]]:
     """The calls, and the seconds that they sleep."""
-    transcript, slept = Transcript(None), list[float]()
-    ledger = Ledger(transcript, None, NO_CAPS)
-    return LiveCalls(client, transcript, ledger, retries, seed=seed, sleep=slept.append), slept
+    slept: list[float] = []
+    policy = settings("caps.seconds=null").model_copy(update={"retry": retries})
+    return LiveCalls(client, Transcript(None), policy, seed=seed, sleep=slept.append), slept
 
 
 @pytest.mark.parametrize("kind", sorted(TRANSIENT))

@@ -18,6 +18,7 @@ from getpass import getuser
 from math import inf, isnan, nan
 from operator import add
 from pathlib import Path
+from tempfile import gettempdir
 from typing import Final
 
 from filelock import FileLock
@@ -31,7 +32,7 @@ from islandgp.supervision.llm.message import (
     Usage,
     sha256_of,
 )
-from islandgp.supervision.llm.settings import Caps, PerMinute, Price
+from islandgp.supervision.llm.settings import Caps, LLMSettings, PerMinute, Price
 from islandgp.supervision.llm.transcript import Transcript
 
 LONGEST_TURN: Final = 3600.0  # s; a later one is of a wrong clock
@@ -133,6 +134,14 @@ class Pace:
         """
         self.limits, self.characters = limits, characters
         self.path = folder / f"islandgp-{sha256_of([place, getuser()])[:16]}.turn"
+
+    @classmethod
+    def of(cls, settings: LLMSettings) -> Pace | None:
+        """The turns of a run; None without limits."""
+        limits, folder = settings.per_minute, Path(gettempdir())
+        if limits.requests is None and limits.input_tokens is None:
+            return None
+        return cls(limits, settings.place, folder, settings.facts.characters)
 
     def wait(
         self,

@@ -13,8 +13,7 @@ from __future__ import annotations
 import logging
 import re
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from threading import Lock
 from typing import Final, Protocol
@@ -37,11 +36,12 @@ from islandgp.supervision.llm.message import (
     Reply,
     Request,
 )
-from islandgp.supervision.llm.settings import Outage, RetrySettings
+from islandgp.supervision.llm.settings import LLMSettings, Outage
 from islandgp.supervision.llm.transcript import Attempt, Call, Conclusion, Sent, Transcript
 
 Check = Callable[[Reply], Accepted | Rejection]
 
+REASON: Final = 600  # most characters of a fallback's reason in the record
 SLOTS: Final = {"probe": 0, "rate": 1, "tree": 2, "edits": 3}  # of Stream.NETWORK
 OPTIONAL: Final = {
     "temperature": r"temperature|sampling|top[_ ][pk]\b",
@@ -73,12 +73,10 @@ class LiveCalls:
         self,
         client: Client,
         transcript: Transcript,
-        ledger: Ledger,
-        retry: RetrySettings,
+        settings: LLMSettings,
         *,
         seed: int,
-        on_outage: Outage = "fallback",
-        pace: Pace | None = None,
+        on_outage: Outage | None = None,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         """Sends nothing yet.
@@ -86,15 +84,17 @@ class LiveCalls:
         Args:
             client: makes the attempts.
             transcript: of the run.
-            ledger: of the run, with its caps.
-            retry: number of attempts and waiting times.
+            settings: of the model: caps, attempts, waiting times and turns with other runs.
             seed: of the run, for the jitter of waiting times.
-            on_outage: what follows the last attempt; "wait" has no last one before the caps.
-            pace: turns with other runs; None: requests are sent at once.
+            on_outage: what follows the last attempt; "wait" has no last one before the caps. None:
+                as the settings say.
             sleep: replaces time.sleep in tests.
         """
-        self.client, self.transcript, self.ledger, self.retry = client, transcript, ledger, retry
-        self.seed, self.on_outage, self.pace, self.sleep = seed, on_outage, pace, sleep
+        self.client, self.transcript, self.seed, self.sleep = client, transcript, seed, sleep
+        self.ledger = Ledger(transcript, settings.price, settings.caps)
+        self.retry = settings.retry.model_copy(update={"deadline": settings.deadline})
+        self.on_outage = on_outage or settings.on_outage
+        self.pace = Pace.of(settings)
         self._closed = False
         self._sending = Lock()  # held from the check of the caps until the request is recorded
 
@@ -231,13 +231,8 @@ def ask_with_less(calls: Calls, call: Call, request: Request) -> tuple[Request, 
         request = request.without((named or sent)[:1])
 
 
-@dataclass(frozen=True, slots=True)
-class Conversation:
-    """The result of a question with its repair turns."""
-
-    guidance: Guidance | None  # None: no usable answer
-    end: Conclusion  # as recorded in the transcript
-    prompts: tuple[str, ...] = ()  # SHA-256 of each rendered prompt, hexadecimal
+Answer = tuple[Guidance | None, dict[str, str]]
+"""The guidance for a part, None without a usable answer; and notes for the record."""
 
 
 def converse(
@@ -249,7 +244,7 @@ def converse(
     *,
     repairs: int,
     repair: Callable[[Rejection], str],
-) -> Conversation:
+) -> Answer:
     """Asks a question, with repair turns if the answer is rejected.
 
     Args:
@@ -262,7 +257,7 @@ def converse(
         repair: makes the text of a repair turn from a rejection.
 
     Returns:
-        The guidance or None, with the conclusion that was added to the transcript.
+        The guidance and notes; the conclusion is added to the transcript.
     """
     rejected: list[RejectionStage] = []
     prompts: list[str] = []
@@ -284,13 +279,13 @@ def converse(
             break
         request = request.followed_by(answer.text[:MAX_QUOTED], repair(checked))
     end = Conclusion(generation, part, source, reason, tuple(rejected), failed)
-    calls.transcript.add(end)
-    return Conversation(guidance, end, tuple(prompts))
+    return guidance, concluded(calls, end, prompts)
 
 
-def unasked(calls: Calls, generation: int, part: str, failure: Failure) -> Conversation:
-    """The conversation of a question that is not asked because of a failure."""
-    reason = f"{failure.kind}: {failure.message}"
-    end = Conclusion(generation, part, "fallback", reason, (), failure.kind.value)
+def concluded(calls: Calls, end: Conclusion, prompts: Sequence[str] = ()) -> dict[str, str]:
+    """Adds a conclusion to the transcript; returns its notes, with the hashes of the prompts."""
     calls.transcript.add(end)
-    return Conversation(None, end)
+    why = f": {end.why[:REASON]}" if end.why else ""
+    more = {"prompts": " ".join(prompts), "rejected": " ".join(end.rejected)}
+    notes = {f"{end.part}_{name}": text for name, text in more.items() if text}
+    return {end.part: end.source + why, **notes}

@@ -32,7 +32,7 @@ from islandgp.supervision.llm.interfaces import (
     read_body,
     refused,
 )
-from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, line
+from islandgp.supervision.llm.message import Client, Failure, FailureKind, Reply, Request, line
 from islandgp.threads import in_thread
 
 if TYPE_CHECKING:
@@ -47,12 +47,8 @@ CONTEXT: Final = 8192  # tokens of a request and its answer
 SHORTEST: Final = 8  # characters of a secret; a shorter key belongs to a local server
 
 
-class ThreadClient(ABC):
+class ThreadClient(Client, ABC):
     """A client whose attempts run in threads; see `Client`."""
-
-    @abstractmethod
-    def open(self) -> None:
-        """See `Client`."""
 
     @abstractmethod
     def attempt(self, request: Request, seconds: float) -> Reply | Failure:
@@ -65,10 +61,6 @@ class ThreadClient(ABC):
             return in_thread(lambda: self.attempt(request, seconds)).result(seconds + GRACE)
         except TimeoutError:
             return Failure(FailureKind.TIMEOUT, f"no complete answer within {seconds:g} s")
-
-    @abstractmethod
-    def close(self) -> None:
-        """See `Client`."""
 
 
 class ServerClient(ThreadClient):

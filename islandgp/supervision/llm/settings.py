@@ -114,11 +114,6 @@ class PerMinute(BaseModel, frozen=True, extra="forbid"):
     requests: float | None = Field(default=None, gt=0)
     input_tokens: float | None = Field(default=None, gt=0)  # estimated from the prompts' characters
 
-    @property
-    def is_limited(self) -> bool:
-        """True if there is a limit."""
-        return self.requests is not None or self.input_tokens is not None
-
 
 class TreeSize(BaseModel, frozen=True, extra="forbid"):
     """Requested size of a tree; the run's limits are accepted."""

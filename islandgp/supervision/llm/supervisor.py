@@ -7,11 +7,8 @@ or a transcript. So a replay uses the same `Adviser` as the recorded run.
 from __future__ import annotations
 
 import logging
-from collections.abc import Mapping
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
-from tempfile import gettempdir
 from typing import Any, Final
 
 import numpy as np
@@ -23,15 +20,14 @@ from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, Guidance, RunContext, Supervisor
 from islandgp.supervision.guidance import ask
 from islandgp.supervision.llm.answers import DecisionAnswer
-from islandgp.supervision.llm.budget import Ledger, Pace
 from islandgp.supervision.llm.calls import (
+    Answer,
     Calls,
-    Conversation,
     LiveCalls,
     ask_with_less,
+    concluded,
     converse,
     supported,
-    unasked,
 )
 from islandgp.supervision.llm.client import LocalClient, ServerClient, model_file, sdk_client
 from islandgp.supervision.llm.message import (
@@ -45,8 +41,8 @@ from islandgp.supervision.llm.message import (
     Request,
 )
 from islandgp.supervision.llm.questions import Questions
-from islandgp.supervision.llm.settings import LLMSettings, Outage, check_address
-from islandgp.supervision.llm.transcript import NAME, Call, Played, Start, Transcript
+from islandgp.supervision.llm.settings import LLMSettings, check_address
+from islandgp.supervision.llm.transcript import NAME, Call, Conclusion, Played, Start, Transcript
 from islandgp.threads import in_thread
 
 SMALL: Final = {"smollm2-135m": "135 million parameters: valid trees, little judgement"}
@@ -74,7 +70,6 @@ _REMEDIES: Final = {
 }
 
 FEW: Final = 0.4  # share of a prompt's expected tokens below which it was cut
-REASON: Final = 600  # most characters of a fallback's reason in the record
 FIELDS: Final = {
     "rate": [*DecisionAnswer.model_fields],
     "tree": ["tree", "target", "rationale"],
@@ -112,21 +107,22 @@ class Adviser:
         """
         generation, questions = state.now.generation, self.questions
         if failure := self._given_up(calls, generation):
-            answers = {part: unasked(calls, generation, part, failure) for part in questions.parts}
+            kind, why = failure.kind.value, f"{failure.kind}: {failure.message}"
+            ends = [Conclusion(generation, p, "fallback", why, (), kind) for p in questions.parts]
+            answers: dict[str, Answer] = {e.part: (None, concluded(calls, e)) for e in ends}
         else:
             answers = self._answers(state, calls)
             if episodes := sum(questions.episodes.values()):
                 calls.transcript.add(Played(generation, episodes))
-        missing = sum(answer.guidance is None for answer in answers.values())
+        missing = sum(advice is None for advice, _ in answers.values())
         backup = ask(self.fallback, state, rng) if missing else None
-        values: dict[str, Any] = {}
-        for part, answer in answers.items():
-            advice = answer.guidance or (backup if part != "edits" else None)
-            if advice is not None:
+        values: dict[str, Any] = {"notes": {}}
+        for part, (advice, notes) in answers.items():
+            values["notes"] |= notes
+            if (advice := advice or (backup if part != "edits" else None)) is not None:
                 values |= {name: getattr(advice, name) for name in FIELDS[part]}
         source = "llm" if not missing else "llm and fallback" * (missing < len(answers))
-        guidance = Guidance(None, None, source or "fallback", notes=_notes(answers))
-        return replace(guidance, **values)
+        return replace(Guidance(None, None, source or "fallback"), **values)
 
     def on_generation(self, generation: GenerationView) -> None:
         """See `GenerationListener`."""
@@ -151,7 +147,7 @@ class Adviser:
             FailureKind.USELESS, f"no usable answer to {len(useless)} questions in a row{last}"
         )
 
-    def _answers(self, state: PopulationState, calls: Calls) -> dict[str, Conversation]:
+    def _answers(self, state: PopulationState, calls: Calls) -> dict[str, Answer]:
         """Asks for all parts at the same time; one by one if one of them could reach a cap."""
         generation, questions = state.now.generation, self.questions
         work = {
@@ -170,19 +166,6 @@ class Adviser:
         # The first is asked in this thread, the others beside it.
         aside = {part: in_thread(work[part]) for part in [*work][1:] if together}
         return {part: aside[part].result() if part in aside else work[part]() for part in work}
-
-
-def _notes(answers: Mapping[str, Conversation]) -> dict[str, str]:
-    """For the record: where each part comes from, and the hash of every prompt of it."""
-    notes = {}
-    for name, answer in answers.items():
-        end = answer.end
-        notes[name] = end.source + (f": {end.why[:REASON]}" if end.why else "")
-        if answer.prompts:
-            notes[f"{name}_prompts"] = " ".join(answer.prompts)
-        if end.rejected:
-            notes[f"{name}_rejected"] = " ".join(end.rejected)
-    return notes
 
 
 class LLM:
@@ -276,9 +259,8 @@ class LLM:
         if self._calls is None:
             folder = self.context.folder
             transcript = Transcript(None if folder is None else folder / NAME)
-            self._calls = live_calls(
-                self.client, transcript, self.settings, self.context.seed, self.settings.on_outage
-            )
+            seed = self.context.seed
+            self._calls = LiveCalls(self.client, transcript, self.settings, seed=seed)
         return self._calls
 
     def _warn(self, guidance: Guidance, generation: int, transcript: Transcript) -> None:
@@ -364,21 +346,4 @@ def client_of(settings: LLMSettings) -> Client:
         interface=settings.interface,
         factory=settings.client_factory,
         secrets=tuple(secrets_in(settings.extra_body)),
-    )
-
-
-def live_calls(
-    client: Client, transcript: Transcript, settings: LLMSettings, seed: int, on_outage: Outage
-) -> LiveCalls:
-    """The calls of a run, with its ledger and its turns with other runs."""
-    place, limits, characters = settings.place, settings.per_minute, settings.facts.characters
-    pace = Pace(limits, place, Path(gettempdir()), characters) if limits.is_limited else None
-    return LiveCalls(
-        client,
-        transcript,
-        Ledger(transcript, settings.price, settings.caps),
-        settings.retry.model_copy(update={"deadline": settings.deadline}),
-        seed=seed,
-        on_outage=on_outage,
-        pace=pace,
     )

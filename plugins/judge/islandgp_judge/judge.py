@@ -60,7 +60,7 @@ from islandgp.supervision.llm.message import (
 )
 from islandgp.supervision.llm.questions import Questions
 from islandgp.supervision.llm.settings import LLMSettings
-from islandgp.supervision.llm.supervisor import live_calls, probe
+from islandgp.supervision.llm.supervisor import probe
 from islandgp.supervision.llm.transcript import Start, Transcript
 from islandgp.text import in_points
 from islandgp_judge.grammar_walk import random_text
@@ -267,7 +267,7 @@ class Judge:
         """
         for arm in ASKED:
             transcript = Transcript(folder / f"{arm}.jsonl")
-            calls = live_calls(client, transcript, policy, 0, "stop")
+            calls = LiveCalls(client, transcript, policy, seed=0, on_outage="stop")
             if transcript.start is None:
                 probe(calls, policy)
                 transcript.add(Start({"arm": arm}))
@@ -279,16 +279,16 @@ class Judge:
         questions, request = self.question(arm, case, policy)
         request = supported(request, calls.transcript, case.index)
         check = questions.check("edits", case.state)
-        answer = converse(
+        guidance, _ = converse(
             *(calls, case.index, "edits", request, check),
             repairs=policy.repairs,
             repair=questions.repair,
         )
-        end = answer.end
-        if answer.guidance is None:
+        end = next(p for p in calls.transcript.parts if p.generation == case.index)
+        if guidance is None:
             source = end.failed or (end.rejected[-1] if end.rejected else "fallback")
             return self.worlds.result(arm, case, source, None)
-        return self.worlds.result(arm, case, end.source, apply(case, answer.guidance.edits[0]))
+        return self.worlds.result(arm, case, end.source, apply(case, guidance.edits[0]))
 
     def question(self, arm: str, case: Case, policy: LLMSettings) -> tuple[Questions, Request]:
         """The question of an arm about a case; others differ from `true` in one thing."""
