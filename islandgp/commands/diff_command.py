@@ -77,16 +77,11 @@ def _lines(
     for line in lines:
         if line.mark is Mark.SAME and not show_all:
             continue
-        texts = [label(node) for node in (line.old, line.new) if node is not None]
-        if line.mark is Mark.SAME:
-            texts = texts[:1]
-        end = "end of " if line.end else ""
+        texts = dict.fromkeys(label(node) for node in (line.old, line.new) if node is not None)
         pairs = zip(file_places, (line.old_place, line.new_place), strict=True)
         at = dict.fromkeys(f"{places[at].line}" for places, at in pairs if at is not None)
-        text = f"{line.mark} {'  ' * line.level}{end}{' -> '.join(texts)}  # {' -> '.join(at)}"
+        text = f"{line.mark} {'  ' * line.level}{' -> '.join(texts)}  # {' -> '.join(at)}"
         plain = bool(os.environ.get("NO_COLOR"))  # see no-color.org
         yield text if plain else click.style(text, fg=COLOURS.get(line.mark))
-    counts = [sum(line.mark is mark and not line.end for line in lines) for mark in COLOURS]
-    elsewhere = sum(line.end and line.new is not None for line in lines)
-    end_text = f", {elsewhere} with another end" if elsewhere else ""
-    yield "{} deleted, {} inserted, {} changed".format(*counts) + end_text
+    counts = [sum(line.mark is mark for line in lines) for mark in COLOURS]
+    yield "{} deleted, {} inserted, {} changed".format(*counts)

@@ -106,8 +106,8 @@ def tree_changes(old: str, new: str) -> tuple[str, ...] | None:
         return None
     arrow = " \N{RIGHTWARDS ARROW} "
     return tuple(
-        f"{line.mark} {'  ' * line.level}{'end of ' if line.end else ''}"
-        + arrow.join(label(node) for node in (line.old, line.new) if node is not None)
+        f"{line.mark} {'  ' * line.level}"
+        + arrow.join(dict.fromkeys(label(n) for n in (line.old, line.new) if n is not None))
         for line in compare(_tree(old), _tree(new))
         if line.mark is not Mark.SAME
     )

@@ -1,16 +1,15 @@
 """The differences between two trees, node by node.
 
-Nodes are compared in document order, together with the places where they end. So a guard around a
-branch is one inserted node, while a comparison of texts would show the whole branch as changed.
+Nodes are compared in document order. So a guard around a branch is one inserted node, while a
+comparison of texts would show the whole branch as changed.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Container, Iterator, Sequence
 from difflib import SequenceMatcher
 from enum import StrEnum
-from itertools import count
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 from islandgp.bt.core.node import Node
 
@@ -31,68 +30,71 @@ class DiffLine(NamedTuple):
     level: int  # in its own tree, from 0
     old: Node | None  # None: inserted
     new: Node | None  # None: deleted
-    end: bool  # True: the end of a node that is in both trees but ends at different places
-    old_place: int | None = None  # of the node in document order
-    new_place: int | None = None
+    old_place: int | None  # of the node in document order
+    new_place: int | None
 
 
-class _Edge(NamedTuple):
-    """The beginning of a node, or the end of one with children."""
-
+class _Listed(NamedTuple):
     node: Node
     level: int
-    begin: int  # the place of its beginning among the edges
-    place: int  # of the node in document order
-    end: bool
-
-
-_Row: TypeAlias = tuple[Mark, _Edge | None, _Edge | None]  # mark, old edge, new edge
+    parent: int  # place in document order; -1: none
 
 
 def compare(old: Node, new: Node) -> list[DiffLine]:
-    """The nodes of both trees, one line each, marked as deleted, inserted, changed or equal."""
+    """The nodes of both trees, one line each, marked as deleted, inserted, changed or equal.
+
+    A node that is equal but below another node than before is marked as changed.
+    """
+    a, b = _listed(old), _listed(new)
+    rows = [*_rows(a, b)]
+    pairs = {-1: -1} | {i: j for i, j in rows if i is not None and j is not None}
+    back = {j: i for i, j in pairs.items()}
     lines: list[DiffLine] = []
-    marked: tuple[set[int], set[int]] = set(), set()  # beginnings of nodes, in both trees
-    for mark, a, b in _rows(_edges(old), _edges(new)):
-        sides = [(edge, started) for edge, started in zip((a, b), marked, strict=True) if edge]
-        edge = sides[-1][0]
-        if edge.end and (mark is Mark.SAME or any(e.begin in started for e, started in sides)):
-            continue
-        if mark is not Mark.SAME and not edge.end:
-            for each, started in sides:
-                started.add(each.begin)
-        nodes, places = (a and a.node, b and b.node), (a and a.place, b and b.place)
-        lines.append(DiffLine(mark, edge.level, *nodes, edge.end, *places))
+    for i, j in rows:
+        if j is None and i is not None:
+            lines.append(DiffLine(Mark.DELETED, a[i].level, a[i].node, None, i, None))
+        elif i is None and j is not None:
+            lines.append(DiffLine(Mark.INSERTED, b[j].level, None, b[j].node, None, j))
+        elif i is not None and j is not None:
+            same = a[i].node[:2] == b[j].node[:2]
+            same = same and pairs[_above(a, i, pairs)] == _above(b, j, back)
+            mark = Mark.SAME if same else Mark.CHANGED
+            lines.append(DiffLine(mark, b[j].level, a[i].node, b[j].node, i, j))
     return lines
 
 
-def _edges(tree: Node) -> list[_Edge]:
-    """The edges of a tree in document order."""
-    edges: list[_Edge] = []
+def _listed(tree: Node) -> list[_Listed]:
+    """The nodes of a tree in document order."""
+    nodes: list[_Listed] = []
 
-    places = count()
-
-    def visit(node: Node, level: int) -> None:
-        begin, place = len(edges), next(places)
-        edges.append(_Edge(node, level, begin, place, False))
+    def visit(node: Node, level: int, parent: int) -> None:
+        place = len(nodes)
+        nodes.append(_Listed(node, level, parent))
         for child in node.children:
-            visit(child, level + 1)
-        if node.children:
-            edges.append(_Edge(node, level, begin, place, True))
+            visit(child, level + 1, place)
 
-    visit(tree, 0)
-    return edges
+    visit(tree, 0, -1)
+    return nodes
 
 
-def _rows(old: Sequence[_Edge], new: Sequence[_Edge]) -> Iterator[_Row]:
-    """The edges of both trees in order, with equal ones paired."""
-    before, after = ([(e.end, e.node.kind, e.node.args) for e in edges] for edges in (old, new))
+def _rows(
+    old: Sequence[_Listed], new: Sequence[_Listed]
+) -> Iterator[tuple[int | None, int | None]]:
+    """The places of nodes that are equal or can become each other, and of deleted and new ones."""
+    before, after = ([each.node[:2] for each in nodes] for nodes in (old, new))
     for tag, i, i_end, j, j_end in SequenceMatcher(None, before, after).get_opcodes():
-        a, b = old[i:i_end], new[j:j_end]
-        sorts = [[(edge.end, edge.node.action != "") for edge in part] for part in (a, b)]
-        if sorts[0] == sorts[1]:  # each is equal, or can become the other in place
-            mark = Mark.SAME if tag == "equal" else Mark.CHANGED
-            yield from ((mark, *pair) for pair in zip(a, b, strict=True))
+        a, b = range(i, i_end), range(j, j_end)
+        leaves = [old[i].node.action != "" for i in a], [new[j].node.action != "" for j in b]
+        if tag == "equal" or leaves[0] == leaves[1]:
+            yield from zip(a, b, strict=True)
         else:
-            yield from ((Mark.DELETED, edge, None) for edge in a)
-            yield from ((Mark.INSERTED, None, edge) for edge in b)
+            yield from ((i, None) for i in a)
+            yield from ((None, j) for j in b)
+
+
+def _above(nodes: Sequence[_Listed], place: int, paired: Container[int]) -> int:
+    """The place of the nearest node above that is in both trees; -1: none."""
+    place = nodes[place].parent
+    while place not in paired:
+        place = nodes[place].parent
+    return place
