@@ -240,7 +240,7 @@ class Importer:
         tag, given = tag_of(element), dict(element.attributes)
         self._elements += 1
         if self._elements > 2 * MAX_NODES or len(self.above) >= MAX_LEVELS:
-            raise self._too_large(element)
+            raise self.too_large(element)
         is_action = tag in self.vocabulary.actions
         reader = self.readers.get(tag, self.readers["Action"] if is_action else _unknown)
         own = replace(self._without_text(element), attributes=given)
@@ -274,7 +274,7 @@ class Importer:
         """The node. Raises LimitError if it is too large; trees may double each other."""
         _, nodes, levels = self._measured(node)
         if nodes > MAX_NODES or levels > MAX_LEVELS:
-            raise self._too_large(element)
+            raise self.too_large(element)
         return node
 
     def _measured(self, node: Node) -> tuple[Node, int, int]:
@@ -284,7 +284,8 @@ class Importer:
             self._sizes[id(node)] = node, 1 + nodes, 1 + levels
         return self._sizes[id(node)]
 
-    def _too_large(self, element: Element) -> TreeError:
+    def too_large(self, element: Element) -> TreeError:
+        """The error for a tree that is too large."""
         limits = f"{MAX_LEVELS} levels and {MAX_NODES} nodes, each SubTree expanded"
         return element.error(f"expected a tree of at most {limits}", self._name, LimitError)
 

@@ -24,7 +24,7 @@ from islandgp.bt.core.kinds import (
     TARGETS,
     TIMED,
 )
-from islandgp.bt.core.language import MAX_CHARACTERS, parse, parse_condition
+from islandgp.bt.core.language import MAX_CHARACTERS, MAX_LEVELS, parse, parse_condition
 from islandgp.bt.core.node import (
     AlwaysArgs,
     CountArgs,
@@ -117,6 +117,8 @@ def _composite(importer: Importer, element: Element, tag: str) -> Node:
     for each in element.children[:-1]:
         guards = not reactive or not any(isinstance(part, Node) for part in parts)
         if is_check(each) and guards:
+            if sum(not isinstance(part, Node) for part in parts) >= MAX_LEVELS:
+                raise importer.too_large(each)
             parts.append(importer.code(each))
         else:
             node = importer.node(each)
