@@ -187,7 +187,7 @@ def _schema(text: str, name: str) -> Vocabulary:
         raise DomainError(f"{name}: {at:.100}: {reason}; see `islandgp domain --json`.") from None
     except DomainError as error:
         raise DomainError(f"{name}: {error}") from None
-    except ValueError:
+    except (ValueError, TypeError):  # not JSON; a list in the place of a name
         raise DomainError(
             f"{name}: the file: expected JSON of `islandgp domain NAME --json`, or"
             " BehaviorTree.CPP XML."
