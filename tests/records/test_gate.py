@@ -169,7 +169,7 @@ def transcribed(home: Path, number: int) -> Path:
     """A transcript with the line of that number of an attempt at its top; they have no checksum."""
     file = home / f"{number}.jsonl"
     transcript = Transcript(file)
-    for entry in (Start({"factory": "x"}, None), ATTEMPT, Conclusion(0, "rate", "llm", "", ())):
+    for entry in (Start({"factory": "x"}), ATTEMPT, Conclusion(0, "rate", "llm", "", ())):
         transcript.add(entry)
     first, *others = file.read_text().splitlines()[number:]
     plain = {key: value for key, value in json.loads(first).items() if key != "checksum"}
