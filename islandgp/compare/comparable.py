@@ -84,10 +84,6 @@ class Comparison:
         configs = [arm.runs[0].config for arm in self.arms]
         return all(config[group] == configs[0][group] for config in configs for group in TASK)
 
-    def task(self, arm: str) -> Task:
-        """The task of an arm."""
-        return next(task for task in self.tasks if arm in task.arms)
-
     def of_arm(self, name: str) -> DataFrame:
         """The runs of an arm."""
         return self.runs[self.runs["arm"] == name]

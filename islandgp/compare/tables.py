@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from math import isinf, isnan, nan
+from math import isnan, nan
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -22,17 +22,14 @@ if TYPE_CHECKING:
 
 MINUS: Final = "\N{MINUS SIGN}"
 NONE: Final = "\N{EN DASH}"
-NEVER: Final = "\N{INFINITY}"
 DIGITS: Final = {"points": 0, "generations without one": 1, "Eq. (3)": 3, "rate": 3, "count": 1}
 """Number of decimals by unit."""
 
 
 def number(x: float, digits: int = 0, sign: str = "") -> str:
-    """A number as 12,345 or 12,345.6; a dash for nan, a sign for infinity."""
+    """A number as 12,345 or 12,345.6; a dash for nan."""
     if isnan(x):
         return NONE
-    if isinf(x):
-        return NEVER if x > 0 else f"{MINUS}{NEVER}"
     text = f"{x:{sign},.{digits}f}"
     if not text.strip("+-0.,"):
         text = text.lstrip("+-")  # no "-0"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
@@ -34,9 +35,10 @@ class ArchiveFile:
         elites = ",\n".join(json.dumps(e, allow_nan=False) for e in head.pop("elites"))
         return f'{json.dumps(head, allow_nan=False)[:-1]}, "elites": [\n{elites}\n]}}\n'.encode()
 
-    def best_first(self) -> list[Elite]:
-        """The elites by stage, the last first, and then by mean, the highest first."""
-        return sorted(self.elites, key=lambda e: (-e.stage, -e.mean, e.cell))
+
+def best_first(elites: Iterable[Elite]) -> list[Elite]:
+    """Elites by stage, the last first, and then by mean, the highest first."""
+    return sorted(elites, key=lambda e: (-e.stage, -e.mean, e.cell))
 
 
 def read_archive(path: Path) -> tuple[ArchiveFile, str]:

@@ -15,7 +15,7 @@ from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Limits, Node, within
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import ConfigError, TreeError, brief
-from islandgp.records.archive_file import read_archive
+from islandgp.records.archive_file import best_first, read_archive
 from islandgp.text_files import read_text_file
 
 TREE_FILE: Final = ".bt"
@@ -67,7 +67,7 @@ def start_trees(
                 f"start={start}: expected an archive of the domain {vocabulary.domain}, found one"
                 f" of {archive.domain}; give a run of this domain, in any world."
             )
-        for elite in archive.best_first():
+        for elite in best_first(archive.elites):
             try:
                 if len(trees) < most:
                     add(parse(elite.tree, vocabulary, name=f"{start}, elite {elite.id}"))

@@ -20,7 +20,7 @@ from islandgp.bt.core.node import Node, size
 from islandgp.domain import RewardTable
 from islandgp.errors import RunError
 from islandgp.gp.archive import ArchiveSettings, Elite
-from islandgp.records.archive_file import NAME, read_archive
+from islandgp.records.archive_file import NAME, best_first, read_archive
 from islandgp.records.checkpoint import read_checkpoint
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder, Status
@@ -141,7 +141,7 @@ def archive_map(view: RunView) -> dict[str, Any] | None:
     settings = ArchiveSettings.model_validate(view.config["archive"])
     axes = settings.axes(Classes.model_validate(view.config["classes"]))
     cells = _elites(view)
-    elites = sorted(cells or (), key=lambda e: (-e.stage, -e.mean, e.cell))
+    elites = best_first(cells or ())
     room, entries = TREE_BYTES, []
     for e in elites:
         room -= len(e.tree.encode())

@@ -5,7 +5,7 @@ from __future__ import annotations
 import heapq
 import re
 from bisect import bisect_left, bisect_right
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import islice
 from math import ceil, inf
@@ -166,11 +166,8 @@ def _guards(tree: Node) -> list[str]:
 
 def components(recording: Recording) -> Iterator[str]:
     """A line for each component that earned points, and one for the fitness."""
-    earned = {name: points for name, points in recording.outcome.components.items() if points}
-    return point_lines({**earned, "fitness": recording.outcome.fitness}, recording.digits)
-
-
-def point_lines(points: Mapping[str, float], digits: int) -> Iterator[str]:
-    """A line for each name with its points, to that number of decimals."""
-    wide = max(map(len, points), default=0) + 2
-    return (f"{name:<{wide}}{value:+12,.{digits}f}" for name, value in points.items())
+    outcome = recording.outcome
+    points = {name: value for name, value in outcome.components.items() if value}
+    points["fitness"] = outcome.fitness
+    wide = max(map(len, points)) + 2
+    return (f"{name:<{wide}}{value:+12,.{recording.digits}f}" for name, value in points.items())

@@ -14,7 +14,7 @@ import pytest
 
 from islandgp.domain import RewardTable
 from islandgp.gp.archive import Elite
-from islandgp.records.archive_file import NAME, read_archive
+from islandgp.records.archive_file import NAME, best_first, read_archive
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import add_to_manifest
 from islandgp.running.report import report
@@ -156,7 +156,7 @@ def test_the_map_is_the_archive(finished: RunFolder, page: Parsed) -> None:
     archive_data = page.data["archive"]
     assert [axis["name"] for axis in archive_data["axes"]] == list(archive.cells)
     assert [tuple(e["cell"]) for e in archive_data["elites"]] == [
-        e.cell for e in archive.best_first()
+        e.cell for e in best_first(archive.elites)
     ]
     assert {e["tree"] for e in archive_data["elites"]} == {e.tree for e in archive.elites}
     assert archive_data["domain"] == "island"
@@ -393,7 +393,7 @@ def test_the_tree_has_its_explanation(tmp_path: Path) -> None:
 
 def test_a_cell_opens_its_tree(tab: Browser, finished: RunFolder) -> None:
     """By a click, by the list, and by arrow keys from elite to elite."""
-    elites = read_archive(finished.path)[0].best_first()
+    elites = best_first(read_archive(finished.path)[0].elites)
     tree = "document.querySelector('#cell pre').textContent"
     assert tab.run(tree) == elites[0].tree
     tab.run(
