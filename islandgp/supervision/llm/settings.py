@@ -153,7 +153,7 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     api_key: SecretStr | None = None  # None: ANTHROPIC_API_KEY; never written to files
     max_tokens: int = Field(ge=64, le=200_000)  # of an answer
     temperature: float | None = Field(ge=0, le=2)  # sent if the model accepts one
-    output: Literal["auto", "grammar", "structured", "text"]  # auto: by the probe at the start
+    output: Literal["auto", "grammar", "structured", "text"]  # auto: the first that is taken
     extra_body: dict[str, Any] | None = None  # further fields of each request's body
     cache: bool  # let the server cache the system prompts
     retry: RetrySettings

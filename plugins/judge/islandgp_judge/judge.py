@@ -9,13 +9,11 @@ grammar in place of the whole tree.
 
 from __future__ import annotations
 
-import csv
 import gzip
-import io
 import json
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field, fields, replace
 from functools import partial
 from hashlib import sha256
 from math import sqrt
@@ -24,6 +22,7 @@ from statistics import fmean, stdev
 from typing import Any, Final
 
 import numpy as np
+import pandas as pd  # type: ignore[import-untyped]  # its stubs are a package apart
 
 from islandgp.atomic_files import usable, write_atomic
 from islandgp.bt.core.language import parse, to_text
@@ -110,11 +109,6 @@ class EditResult:
     before: float  # mean points in WORLDS worlds
     after: float  # the same of the edited tree; `before` without a usable edit
     tree: str  # edited; "" without a usable edit
-
-    @property
-    def gain(self) -> float:
-        """Points by which the edited tree is better."""
-        return self.after - self.before
 
 
 def read_populations(path: Path) -> list[Population]:
@@ -301,43 +295,39 @@ class Judge:
             questions.evidence, state = other.view, other.state
         return questions, questions.request("edits", state)
 
-    def of(self, arm: str) -> list[EditResult]:
-        """The results of an arm, without those that a cap prevented."""
-        return [r for r in self.results if r.arm == arm and r.source != FailureKind.BUDGET.value]
+    def frame(self, *arms: str) -> pd.DataFrame:
+        """The results of arms without those that a cap prevented, with each edit's gain in points.
 
-    def scaled(self, arm: str) -> dict[int, float]:
-        """Gains by population, in standard deviations of the trees' points between worlds."""
-        spread = {
-            domain: fmean(
-                stdev(self.worlds.points(c, c.parent.tree))
-                for c in self.cases
-                if c.domain == domain
-            )
-            for domain in {c.domain for c in self.cases}
-        }
-        return {r.population: r.gain / max(spread[r.domain], QUIET) for r in self.of(arm)}
+        `scaled` is the gain in standard deviations of the trees' points between worlds.
+        """
+        frame = pd.DataFrame(
+            map(asdict, self.results), columns=[f.name for f in fields(EditResult)]
+        )
+        frame = frame[frame.arm.isin(arms) & (frame.source != FailureKind.BUDGET.value)]
+        spreads: dict[str, list[float]] = {}
+        for case in self.cases:
+            points = self.worlds.points(case, case.parent.tree)
+            spreads.setdefault(case.domain, []).append(stdev(points))
+        scale = frame.domain.map({domain: max(QUIET, fmean(s)) for domain, s in spreads.items()})
+        gain = frame.after - frame.before
+        return frame.assign(gain=gain, scaled=gain / scale.astype(float))
 
     def line(self, arm: str) -> str:
         """The row of an arm: edits, usable ones, improved and worse trees, gains by domain."""
-        results = self.of(arm)
-        n = len(results) or 1
-        usable = sum(bool(r.tree) for r in results)
-        better, worse = (sum(sign * r.gain > 0 for r in results) for sign in (1, -1))
-        gains = [
-            f"{domain} {in_points(fmean(r.gain for r in results if r.domain == domain), '+')}"
-            for domain in dict.fromkeys(r.domain for r in results)
-        ]
-        shares = (f"{k / n:.0%}" for k in (usable, better, worse))
-        return f"| {arm} | {len(results)} | {' | '.join(shares)} | {', '.join(gains)} |"
+        frame = self.frame(arm)
+        shares = [(frame.tree != "").mean(), (frame.gain > 0).mean(), (frame.gain < 0).mean()]
+        gains = frame.groupby("domain", sort=False).gain.mean().items()
+        words = ", ".join(f"{domain} {in_points(gain, '+')}" for domain, gain in gains)
+        return f"| {arm} | {len(frame)} | {' | '.join(f'{s:.0%}' for s in shares)} | {words} |"
 
     def compared(self, first: str, second: str) -> tuple[PairedTest, float]:
         """The paired test of two arms, and the mean difference of the scaled gains."""
-        a, b = self.scaled(first), self.scaled(second)
-        both = sorted(a.keys() & b.keys())
-        if not both:
+        table = self.frame(first, second).pivot(index="population", columns="arm", values="scaled")
+        pairs = table.reindex(columns=[first, second]).dropna()
+        if pairs.empty:
             return PairedTest(1.0, "no pairs", 0, 0, 0), 0.0
-        test = paired_test([a[k] for k in both], [b[k] for k in both])
-        return test, fmean(a[k] - b[k] for k in both)
+        a, b = (pairs[arm].tolist() for arm in (first, second))
+        return paired_test(a, b), float((pairs[first] - pairs[second]).mean())
 
 
 HEAD: Final = (
@@ -379,8 +369,8 @@ def plan(judge: Judge, policy: LLMSettings | None) -> tuple[dict[str, Any], Bill
 
 def verdict(judge: Judge) -> list[str]:
     """The table of the arms and the decision, as Markdown."""
-    lines = [HEAD, *(judge.line(arm) for arm in (*FREE, *ASKED) if judge.of(arm)), ""]
-    if not judge.of("true"):
+    lines = [HEAD, *(judge.line(arm) for arm in (*FREE, *ASKED) if len(judge.frame(arm))), ""]
+    if judge.frame("true").empty:
         return [*lines, "No model was asked: supervisor=llm or local adds its arms."]
     for other in ("shuffled", "blind", "random", "grammar", "rules"):
         test, mean = judge.compared("true", other)
@@ -402,12 +392,8 @@ def verdict(judge: Judge) -> list[str]:
 
 def write_results(judge: Judge, folder: Path) -> None:
     """Writes `results.csv`, a line for each edit, and `verdict.md`."""
-    rows = [asdict(r) | {"tree": " ".join(r.tree.split())} for r in judge.results]
-    text = io.StringIO()
-    writer = csv.DictWriter(text, [*rows[0]], lineterminator="\n")
-    writer.writeheader()
-    writer.writerows(rows)
-    write_atomic(folder / "results.csv", text.getvalue().encode())
+    rows = pd.DataFrame(asdict(r) | {"tree": " ".join(r.tree.split())} for r in judge.results)
+    write_atomic(folder / "results.csv", rows.to_csv(index=False, lineterminator="\n").encode())
     write_atomic(folder / "verdict.md", ("\n".join(verdict(judge)) + "\n").encode())
 
 
