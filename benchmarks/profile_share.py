@@ -34,7 +34,7 @@ PARTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
     ),
     "tree": (
         "the tree and its actions",
-        ("islandgp/bt/", "island/actions.py", "island/state.py:perform"),
+        ("islandgp/bt/", "island/vocabulary.py", "island/state.py:perform"),
     ),
     "account": (
         "the account of events",

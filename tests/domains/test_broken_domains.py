@@ -20,8 +20,8 @@ import yaml
 
 from islandgp.bt.core.vocabulary import Action
 from islandgp.domains.island import Island
-from islandgp.domains.island.actions import IslandAction
 from islandgp.domains.island.state import State
+from islandgp.domains.island.vocabulary import IslandAction
 from islandgp.errors import DomainError, EvaluationError
 from islandgp.evaluation.base import Job, Problem, simulate
 from islandgp.evaluation.serial import Serial

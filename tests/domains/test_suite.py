@@ -17,7 +17,7 @@ from islandgp.bt.core.node import SUCCESS
 from islandgp.bt.core.vocabulary import Action
 from islandgp.domain import Domain
 from islandgp.domains.island import Island
-from islandgp.domains.island.actions import IslandAction
+from islandgp.domains.island.vocabulary import IslandAction
 from islandgp.evaluation.base import Problem
 from islandgp.gate import user_folder
 from islandgp.testing import Check, check_domain

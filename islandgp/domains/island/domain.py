@@ -25,11 +25,9 @@ from islandgp.domain import (
 )
 from islandgp.domain.rewards import worth
 from islandgp.domains.island import world as settings
-from islandgp.domains.island.actions import ACTIONS, IslandAction
-from islandgp.domains.island.events import IslandEvent
-from islandgp.domains.island.outcome import Episode
+from islandgp.domains.island.events import Episode, IslandEvent
 from islandgp.domains.island.schedule import obstacles
-from islandgp.domains.island.vocabulary import SCHEMA
+from islandgp.domains.island.vocabulary import ACTIONS, SCHEMA, IslandAction
 from islandgp.errors import DomainError
 from islandgp.time_limit import Overdue
 
@@ -136,36 +134,28 @@ class Island:
         value = worth(self.rewards, weights)
         keys = self.schema.vocabulary.keys
         sensors = None if self.faults is None else self.faults.sensors(keys, seed)
-        if observer is None:
-            episode = run_episode(
-                tree,
-                self.world,
-                seed,
-                value,
-                actions=self.actions,
-                sensors=sensors,
-            )
-            return self._outcome(episode)
+        fixed = self._fixed() if observer is not None and wants_scenes(observer) else None
 
         def award(event: IslandEvent, amount: float) -> tuple[str, float]:
             component, points = value(event, amount)
-            if component:
+            if component and observer is not None:
                 observer.credit(component, points, event.value, EARNED_BY.get(event, ""))
             return component, points
 
-        fixed = self._fixed() if wants_scenes(observer) else None
+        def observe(island: State) -> None:
+            assert observer is not None
+            board = island.board.tolist() if sensors is None else sensors.values
+            observer.tick(board, None if fixed is None else self._scene(island, fixed))
+
         episode = run_episode(
             tree,
             self.world,
             seed,
-            award,
+            value if observer is None else award,
             actions=self.actions,
-            stepwise=True,
-            watch=observer.node,
-            observe=lambda island: observer.tick(
-                island.board.tolist() if sensors is None else sensors.values,
-                None if fixed is None else self._scene(island, fixed),
-            ),
+            stepwise=observer is not None,
+            watch=None if observer is None else observer.node,
+            observe=None if observer is None else observe,
             sensors=sensors,
         )
         return self._outcome(episode)

@@ -24,8 +24,7 @@ from islandgp.domains.island import behaviour
 from islandgp.domains.island.chipmunk import steer
 from islandgp.domains.island.events import COLLISION, IDLE
 from islandgp.domains.island.fields import HUMANOID, ITEM, TURN
-from islandgp.domains.island.geometry import norm
-from islandgp.domains.island.memory import compiled, table
+from islandgp.domains.island.memory import compiled, norm, table
 from islandgp.domains.island.motion import move, straight_on, touches
 from islandgp.domains.island.robot import (
     battery_due,

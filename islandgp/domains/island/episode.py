@@ -11,11 +11,9 @@ from islandgp.bt.core.kinds import needs_each_tick
 from islandgp.bt.core.node import compares_keys, thresholds, walk
 from islandgp.domain import FAILURE, Node, Sensors
 from islandgp.domains.island import engine
-from islandgp.domains.island.actions import ACTIONS, IslandAction
-from islandgp.domains.island.events import Award, IslandEvent
-from islandgp.domains.island.outcome import Ending, Episode
+from islandgp.domains.island.events import Award, Ending, Episode, IslandEvent
 from islandgp.domains.island.state import State
-from islandgp.domains.island.vocabulary import VOCABULARY
+from islandgp.domains.island.vocabulary import ACTIONS, VOCABULARY, IslandAction
 from islandgp.domains.island.world import MICRO, IslandWorld
 from islandgp.leaves import status_of
 

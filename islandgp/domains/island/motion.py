@@ -16,8 +16,7 @@ import numpy as np
 
 from islandgp.domains.island.chipmunk import place, position, step_space, velocity
 from islandgp.domains.island.fields import HUMANOID, ROCK
-from islandgp.domains.island.geometry import norm
-from islandgp.domains.island.memory import compiled, table
+from islandgp.domains.island.memory import compiled, norm, table
 from islandgp.domains.island.robot import TOLERANCE
 from islandgp.domains.island.world import FAR
 

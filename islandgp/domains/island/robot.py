@@ -17,8 +17,7 @@ import numpy as np
 
 from islandgp.domains.island.chipmunk import steer
 from islandgp.domains.island.fields import ROCK
-from islandgp.domains.island.geometry import norm
-from islandgp.domains.island.memory import compiled, table
+from islandgp.domains.island.memory import compiled, norm, table
 from islandgp.domains.island.world import FAR, FULL, ROCK_MARGIN
 
 SHORTEST_LEG: Final = 1.0  # m: around a rock the robot drives chords of at least this length

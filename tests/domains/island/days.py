@@ -10,8 +10,7 @@ from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import STATUS_NAMES
 from islandgp.domain.rewards import worth
 from islandgp.domains.island.episode import run_episode
-from islandgp.domains.island.events import Award, IslandEvent
-from islandgp.domains.island.outcome import Episode
+from islandgp.domains.island.events import Award, Episode, IslandEvent
 from islandgp.domains.island.state import State
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.domains.island.world import MICRO, IslandWorld

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from islandgp.bt.core.language import parse
-from islandgp.domains.island.actions import ACTIONS
 from islandgp.domains.island.episode import run_episode
 from islandgp.domains.island.events import IslandEvent
+from islandgp.domains.island.vocabulary import ACTIONS
 from islandgp.domains.island.world import IslandWorld
 from islandgp.errors import DomainError
 from tests.domains.island.conftest import Lay

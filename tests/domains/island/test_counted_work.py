@@ -16,7 +16,7 @@ import pytest
 
 from islandgp.bt.core.language import parse
 from islandgp.domains.island.episode import run_episode
-from islandgp.domains.island.outcome import Episode
+from islandgp.domains.island.events import Episode
 from islandgp.resources import resource
 from tests.domains.island.days import points, world
 

@@ -21,7 +21,7 @@ from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Limits, Node, within
 from islandgp.domains.island import episode
 from islandgp.domains.island.episode import run_episode
-from islandgp.domains.island.outcome import Episode
+from islandgp.domains.island.events import Episode
 from islandgp.domains.island.space import idle_spaces
 from islandgp.domains.island.state import State
 from islandgp.domains.island.vocabulary import VOCABULARY

@@ -6,8 +6,7 @@ import pytest
 
 from islandgp.bt.core.language import parse
 from islandgp.domains.island.episode import run_episode
-from islandgp.domains.island.events import IslandEvent
-from islandgp.domains.island.outcome import Ending, Episode
+from islandgp.domains.island.events import Ending, Episode, IslandEvent
 from islandgp.domains.island.world import IslandWorld
 from tests.domains.island.conftest import Lay
 from tests.domains.island.days import day, points, world

@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from islandgp.domains.island import engine
-from islandgp.domains.island.geometry import norm
+from islandgp.domains.island.memory import norm
 from islandgp.domains.island.state import State
 from tests.domains.island.days import points, world
 

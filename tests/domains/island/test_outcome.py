@@ -9,8 +9,7 @@ import pytest
 from islandgp.bt.core.language import parse
 from islandgp.domain.rewards import worth
 from islandgp.domains.island.domain import Island
-from islandgp.domains.island.events import IslandEvent, IslandEventLog
-from islandgp.domains.island.outcome import Ending, Episode
+from islandgp.domains.island.events import Ending, Episode, IslandEvent, IslandEventLog
 from islandgp.domains.island.vocabulary import SCHEMA
 from tests.composed import composed
 
