@@ -11,7 +11,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from math import inf
-from typing import Any, ClassVar, Final
+from typing import Any, ClassVar
 
 import numpy as np
 from pydantic import BaseModel, Field
@@ -31,8 +31,6 @@ from islandgp.search.breeding import (
     pick_by_rank,
 )
 from islandgp.search.descriptor import repeated
-
-BLOCK: Final = 256  # rows that are compared with all others at once, which takes memory
 
 Points = np.ndarray[Any, np.dtype[np.float64]]
 """A row for each individual, a column for each objective; more is better."""
@@ -66,11 +64,9 @@ def ranks(
     def dominators(rows: np.ndarray[Any, np.dtype[np.int64]]) -> Any:
         """The number of these rows that dominate each row."""
         numbers = np.zeros(len(points), dtype=np.int64)
-        for start in range(0, len(rows), BLOCK):
-            some = rows[start : start + BLOCK]
-            own, own_excess = points[some, None], excess[some, None]
-            better = (own >= points).all(axis=2) & (own > points).any(axis=2)
-            numbers += ((own_excess < excess) | ((own_excess == excess) & better)).sum(axis=0)
+        for own, own_excess in zip(points[rows], excess[rows], strict=True):
+            better = (own >= points).all(axis=1) & (own > points).any(axis=1)
+            numbers += (own_excess < excess) | ((own_excess == excess) & better)
         return numbers
 
     by = dominators(np.arange(len(points)))  # number of unranked rows that dominate each row
@@ -96,7 +92,7 @@ def crowding(front: Points) -> Points:
     return distance
 
 
-class Nsga2Settings(BreedingSettings, frozen=True):
+class ObjectiveSettings(BreedingSettings, frozen=True):
     """The objectives."""
 
     objectives: tuple[str, ...]
@@ -119,20 +115,20 @@ class Survivors:
     parents: tuple[Parent, ...]
 
 
-class Nsga2Slots(BaseModel, frozen=True, extra="forbid"):
+class SurvivorSlots(BaseModel, frozen=True, extra="forbid"):
     """The slots of a generation."""
 
     survivors: float = Field(gt=0, lt=1)  # share, evaluated again with its children
 
 
-class Nsga2(BreedingSearch[Nsga2Settings]):
+class NSGA2(BreedingSearch[ObjectiveSettings]):
     """The NSGA-II search; see the module."""
 
-    Settings = Nsga2Settings
-    Allocation = Nsga2Slots
+    Settings = ObjectiveSettings
+    Allocation = SurvivorSlots
     Memory: ClassVar[Any] = Survivors
 
-    def __init__(self, settings: Nsga2Settings, plan: Plan) -> None:
+    def __init__(self, settings: ObjectiveSettings, plan: Plan) -> None:
         super().__init__(settings, plan)
         counters = dict.fromkeys(plan.classes.behaviours.values())
         self.objectives = settings.objectives or ("fitness", *counters)
