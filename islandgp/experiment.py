@@ -20,10 +20,11 @@ import numpy as np
 
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node
+from islandgp.config.compose import only_job
 from islandgp.config.settings import Settings, read_settings
 from islandgp.domain import Domain, Outcome
 from islandgp.errors import ConfigError
-from islandgp.evaluation.base import in_floats
+from islandgp.evaluation.base import evaluated
 from islandgp.evaluation.serial import Serial
 from islandgp.evolution.generation import evaluate, training_seeds
 from islandgp.evolution.loop import evolve, state_of_population
@@ -32,6 +33,8 @@ from islandgp.gp.plan import Plan
 from islandgp.gp.population import Evaluated, Individual
 from islandgp.gp.record import GenerationRecord, GuidanceRecord, Step
 from islandgp.results import Results, load
+from islandgp.running.parts import make_search, make_supervisor, plan_of
+from islandgp.running.run import run as run_settings
 from islandgp.scoring.state import PopulationState
 from islandgp.search.base import Search
 
@@ -51,8 +54,6 @@ class Experiment:
 
     def __iter__(self) -> Iterator[Step]:
         """Runs the evolution in this process and yields each generation; writes no files."""
-        from islandgp.running.parts import make_supervisor
-
         supervisor = make_supervisor(self.settings, None)
         evaluator, seed = Serial(self.settings.problem()), self.settings.seed
         yield from evolve(self.plan, seed, supervisor, evaluator, search=self.search())
@@ -60,8 +61,6 @@ class Experiment:
     @cached_property
     def plan(self) -> Plan:
         """The plan of the run: tree limits, settings of the operators, behaviour classes."""
-        from islandgp.running.parts import plan_of
-
         return plan_of(self.settings, self.domain)
 
     @cached_property
@@ -74,8 +73,6 @@ class Experiment:
         Raises:
             ConfigError: the search does not support these settings.
         """
-        from islandgp.running.parts import make_search
-
         return make_search(self.settings, self.plan)
 
     def evaluate_population(
@@ -144,16 +141,12 @@ class Experiment:
             TreeError: the text is not a tree of the domain.
             ConfigError: the stage does not exist, or a seed is out of range.
         """
-        node = self.parse(tree) if isinstance(tree, str) else self.parse(to_text(tree))
         last = len(self.settings.curriculum.stages) - 1
         stage = last if stage is None else stage
         if stage not in range(last + 1):
             raise ConfigError(f"stage: expected 0 to {last}, found {stage!r}")
-        seeds = _seeds(worlds)
-        problem = self.settings.problem()
-        weights = self.settings.curriculum.multipliers(stage)
-        domains = ((problem.in_world(stage, s), s) for s in seeds)
-        return [in_floats(domain.run_episode(node, s, weights)) for domain, s in domains]
+        text = to_text(self.parse(tree if isinstance(tree, str) else to_text(tree)))
+        return evaluated(self._evaluator, [text], stage, _seeds(worlds))[0]
 
     def run(self, *, on_generation: Callable[[GenerationRecord], object] | None = None) -> Results:
         """Runs the experiment as the command line does, with records and tracking.
@@ -171,14 +164,9 @@ class Experiment:
         Raises:
             IslandError: the error with which the command would end.
         """
-        from islandgp.running.run import run
-
-        run(
-            self.settings,
-            self.config,
-            self.folder,
-            home=Path.cwd(),
-            on_generation=on_generation,
+        home = Path.cwd()
+        run_settings(
+            self.settings, self.config, self.folder, home=home, on_generation=on_generation
         )
         return load(self.folder)
 
@@ -240,8 +228,6 @@ def compose(*overrides: str, config_dir: str | Path | None = None) -> Experiment
     Raises:
         ConfigError: a key or a value is wrong; one line for each.
     """
-    from islandgp.config.compose import only_job
-
     job = only_job(overrides, config_dir)
     return Experiment(job.settings, job.config, job.folder)
 

@@ -107,10 +107,10 @@ def _emergence(arm: ArmSummary, tier: str) -> str:
     firsts = [s["first"][tier] for s in arm.summaries if tier in s["first"]]
     if not firsts:  # it is another experiment's, in the same sweep
         return ""
-    came, n = sum(g is not None for g in firsts), len(firsts)
+    reached, n = sum(g is not None for g in firsts), len(firsts)
     middle = median(inf if g is None else g for g in firsts)
-    text = f"{middle:g}" if middle < inf else "not reached" if came else "never"
-    return f"{text} ({came} of {n})"
+    text = f"{middle:g}" if middle < inf else "not reached" if reached else "never"
+    return f"{text} ({reached} of {n})"
 
 
 def identical_arms(sweep: SweepFolder, arms: Sequence[ArmSummary]) -> list[tuple[str, ...]]:

@@ -57,7 +57,7 @@ def kind_of(launcher: Mapping[str, Any]) -> str:
     kinds = {BASIC: "basic", None: "processes" if "n_jobs" in launcher else launcher.get("cluster")}
     if (kind := kinds.get(launcher.get("_target_"))) is None:
         raise ConfigError(
-            f"hydra/launcher: expected basic, local, slurm or slurm_try, found {launcher}"
+            f"hydra/launcher: expected basic, local, slurm or slurm_try, found {launcher!s:.80}"
         )
     return str(kind)
 

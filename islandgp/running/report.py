@@ -133,7 +133,7 @@ def report(target: RunFolder, costs: Sequence[Mapping[str, Any]]) -> str:
     s, agent = target.summary(), target.agent
     best = s["champion"]["record"]
     parts = sorted(best["components"].items(), key=lambda part: -abs(part[1]))
-    came_from = ", ".join(f"{name} {in_points(points, '+')}" for name, points in parts if points)
+    by_component = ", ".join(f"{name} {in_points(points, '+')}" for name, points in parts if points)
     first = "; ".join(
         f"first {title(tier)} {agent}: {'never' if g is None else f'generation {g}'}"
         for tier, g in s["first"].items()
@@ -145,7 +145,7 @@ def report(target: RunFolder, costs: Sequence[Mapping[str, Any]]) -> str:
             *reached(s["champion"]),
             *comparisons(s["champion"]),
             *constrained(s),
-            f"Its fitness in training: {in_points(best['fitness'])} ({came_from})",
+            f"Its fitness in training: {in_points(best['fitness'])} ({by_component})",
             f"Highest fitness in training: {in_points(s['fittest']['record']['fitness'])} in"
             f" generation {s['fittest']['generation']}",
             first[:1].upper() + first[1:],

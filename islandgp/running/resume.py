@@ -99,7 +99,7 @@ def about_run(
     shaping, start = identity_config(config), _start_digest(settings)
     if start:
         shaping["start"] = start  # in place of the archive's path
-    alike = {key: value for key, value in shaping.items() if key not in {"seed", "name"}}
+    without_seed = {key: value for key, value in shaping.items() if key not in {"seed", "name"}}
     return RunMetadata(
         id=before.id if before else uuid4().hex,
         title=target.path.name,
@@ -115,7 +115,7 @@ def about_run(
             "seed": str(settings.seed),
             "sweep": settings.name,
             "code": _code_version(),
-            "config": _hash(alike),  # the same for all seeds
+            "config": _hash(without_seed),  # the same for all seeds
         },
         domain_code=domain_code(settings),
         start=start,

@@ -321,7 +321,7 @@ def test_an_impossible_store_is_reported_before_the_start(
     ("arguments", "line"),
     ONE_LINE,
     ids=[" ".join(arguments) for arguments, _ in ONE_LINE],
-    quick=40,
+    quick=24,
 )
 def test_one_error_one_line(
     arguments: list[str], line: str, capsys: pytest.CaptureFixture[str]
