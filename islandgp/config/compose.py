@@ -19,7 +19,7 @@ from omegaconf.errors import OmegaConfBaseException
 from islandgp.config.errors import USER_ERRORS, explain, parsed, unresolved
 from islandgp.config.naming import command_line, group_of, run_folder
 from islandgp.config.reads import must_be_read
-from islandgp.config.settings import Settings, read_settings, with_generations
+from islandgp.config.settings import Settings, read_settings
 from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError
 from islandgp.records.parameters import key_of
@@ -131,8 +131,9 @@ def _plan(
         raise ConfigError(f"hydra.launcher: expected hydra/launcher=NAME, found {launcher}.")
     with open_dict(composed):
         del composed["hydra"]  # its values are resolved only when Hydra runs
-    config = plain(composed)
+    config = resolved(composed)
     settings = read_settings(config)
+    config["gp"]["generations"] = settings.gp.generations  # a budget sets them
     if domain := choices.get("domain"):  # else the first file names it
         _must_be_called(str(domain), settings)
     for key in (key_of(override) for override in overrides if override.endswith("={}")):
@@ -162,11 +163,6 @@ def _must_be_called(choice: str, settings: Settings) -> None:
             f" as its trees are to name it, found one called {name!r}; call the file {name}.yaml,"
             " or the vocabulary as the file."
         )
-
-
-def plain(config: DictConfig) -> dict[str, Any]:
-    """A composed configuration as plain values. Raises ConfigError."""
-    return dict(with_generations(resolved(config)))
 
 
 def composed_config(overrides: list[str], source: ConfigSource) -> DictConfig:

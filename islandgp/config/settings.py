@@ -232,7 +232,7 @@ def read_settings(config: Mapping[str, Any]) -> Settings:
         ConfigError: with one line for each wrong key or value.
     """
     try:
-        settings = Settings(**with_generations(config))
+        settings = _within_budget(Settings(**config))
     except ValidationError as error:
         raise ConfigError("\n".join(sorted(set(error_lines(error, config))))) from None
     wrong = [*switched_numbers(config, settings.model_dump()), *_conflicts(settings)]
@@ -242,26 +242,20 @@ def read_settings(config: Mapping[str, Any]) -> Settings:
     return settings
 
 
-def with_generations(config: Mapping[str, Any]) -> Mapping[str, Any]:
-    """The configuration with `gp.generations` derived from `budget.episodes`, if that is set.
-
-    An invalid configuration is returned unchanged, as `read_settings` reports its errors.
-    """
+def _within_budget(settings: Settings) -> Settings:
+    """The settings with `gp.generations` derived from `budget.episodes`, if that is set."""
+    gp, pruning, budget = settings.gp, settings.prune, settings.budget
+    if budget.episodes is None:
+        return settings
+    share = 0.0
+    if gp.validation:  # without validation the best robot is not shortened
+        share = min(pruning.budget_share, pruning.episodes / budget.episodes)
     try:
-        budget = Budget(**config["budget"])
-        if budget.episodes is None:
-            return config
-        gp, pruning = GP(**config["gp"]), Pruning(**config["prune"])
-    except (KeyError, TypeError, ValidationError):
-        return config
-    try:
-        share = 0.0
-        if gp.validation:  # without validation the best robot is not shortened
-            share = min(pruning.budget_share, pruning.episodes / budget.episodes)
         affordable = budget.generations(gp.population, gp.episodes, gp.validation, share)
     except ValueError as error:
         raise ConfigError(str(error)) from None
-    return {**config, "gp": {**config["gp"], "generations": affordable}}
+    limited = gp.model_copy(update={"generations": affordable})
+    return settings.model_copy(update={"gp": limited})
 
 
 def _conflicts(settings: Settings) -> Iterator[str]:
