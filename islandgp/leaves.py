@@ -55,6 +55,7 @@ class LeafRunner:
         self.running = False  # also while its function is called and after it raised
         self._name, self._leaf, self._vocabulary = args.name, leaf, vocabulary
         self._board, self._places = board, places
+        self._asks = vocabulary.action(args.name).condition
         self._generates = isgeneratorfunction(leaf) or isgeneratorfunction(type(leaf).__call__)
         self._generator: Any = None
         arguments = arguments_of(args, vocabulary)
@@ -78,11 +79,10 @@ class LeafRunner:
         if result is True:  # fast path
             self.running = False
             return SUCCESS
-        if isinstance(result, Mapping):
+        if not isinstance(result, int) and isinstance(result, Mapping):
             self._write(result)
             result = True
-        declared = self._vocabulary.action(self._name)
-        status = status_of(result, self._name, self._leaf, condition=declared.condition)
+        status = status_of(result, self._name, self._leaf, condition=self._asks)
         self.running = status == RUNNING
         return status
 

@@ -298,6 +298,8 @@ def _counters(schema: Schema, log: EventLog, measures: Any) -> dict[str, float]:
 class _LoggedLeaf:
     """A leaf whose events are logged as those of its action."""
 
+    __slots__ = ("_log", "_name", "_runner")
+
     def __init__(self, name: str, runner: LeafRunner, log: EventLog) -> None:
         self._name, self._runner, self._log = name, runner, log
 
