@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from islandgp.bt.export.render import to_lines, to_rich, to_svg
+from islandgp.bt.export.render import to_rich, to_svg
 from islandgp.commands.files import FILE, STDIN, check_other_file, read_tree_text, write_text
 from islandgp.commands.options import with_output_option
 
@@ -31,4 +31,4 @@ def command(file: str, output: str) -> None:
 
         Console(soft_wrap=True, highlight=False).print(to_rich(tree))
         return
-    write_text(output, to_svg(tree) if ending == ".svg" else "\n".join(to_lines(tree)) + "\n")
+    write_text(output, to_svg(tree) if ending == ".svg" else f"{to_rich(tree)}\n")

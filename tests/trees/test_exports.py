@@ -206,14 +206,6 @@ def test_comments_of_exported_files() -> None:
     ]
 
 
-def test_more_comments_than_a_file_holds() -> None:
-    """They are left out, and the tree is imported."""
-    text = NOTED.replace("the whole day", "the whole day " * 10_000)
-    imported = read_tree(text, VOCABULARY)
-    assert "#" not in imported.text
-    assert [each.about for each in imported.differences] == ["comments"]
-
-
 def test_seconds() -> None:
     """The program says the seconds between two ticks; no library has a node for a cooldown."""
     tree = parse("timeout 2 { SeekCharger }")

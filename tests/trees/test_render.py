@@ -10,7 +10,7 @@ from hypothesis import given
 
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import Node, size, walk
-from islandgp.bt.export.render import BOX, label, lay_out, to_lines, to_svg
+from islandgp.bt.export.render import BOX, label, lay_out, to_rich, to_svg
 from islandgp.resources import resource
 from tests.profiles import examples
 from tests.strategies import nodes
@@ -24,7 +24,7 @@ POOR = resource("grammar") / "examples" / "poor.bt"
 def test_every_node_is_in_every_picture(tree: Node) -> None:
     """Text and SVG have a place for each node, in document order."""
     labels = [label(node) for node in walk(tree)]
-    for line, text in zip(to_lines(tree), labels, strict=True):
+    for line, text in zip(str(to_rich(tree)).splitlines(), labels, strict=True):
         assert line.endswith(text)
     svg = ET.fromstring(to_svg(tree))
     texts = [e.text for e in svg.iter() if e.tag.endswith("text")]
@@ -51,7 +51,7 @@ def test_text() -> None:
         "selector { when lap >= 2 abort none { sequence { SeekCharger PatrolWaypoint } }"
         " inverter { MoveToGarbage } }"
     )
-    assert to_lines(tree) == [
+    assert str(to_rich(tree)).splitlines() == [
         "? selector",
         "\u251c\u2500 \u25c7 lap >= 2 abort none",
         "\u2502  \u2514\u2500 \u2192 sequence",

@@ -51,7 +51,11 @@ TREE_ID: Final = "Robot"
 _FLAGS: Final = {"no": "false", "yes": "true"}
 _FLAG: Final = Key()
 
-BUILT_IN: Final = frozenset(("Condition", "Control", "Decorator", *READERS))
+BUILT_IN: Final = frozenset((
+    *READERS, "AsyncFallback", "AsyncSequence", "Condition", "Control", "Decorator", "EntryUpdated",
+    "LoopBool", "LoopDouble", "LoopInt", "LoopString", "ManualSelector", "Precondition", "RunOnce",
+    "SkipUnlessUpdated", "TestNode", "UnsetBlackboard", "WaitValueUpdate", "WasEntryUpdated",
+))  # fmt: skip
 """Names of nodes of the library, of our header and of Nav2, which actions cannot have."""
 
 

@@ -53,7 +53,6 @@ DIFFERENCES: Final = {
     "rate": "a RateController starts its child at once after a node above it was reset",
     "round": "RoundRobin ends after its last child in newer releases; round_robin continues",
     "gate": "this decorator watches its child; here it is a leaf before it, of your program",
-    "comments": "there are comments and names, for which the text has no room",
 }
 """The differences in behaviour after an import; docs/exports.md explains each."""
 

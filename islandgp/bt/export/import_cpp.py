@@ -24,7 +24,7 @@ from islandgp.bt.core.kinds import (
     TARGETS,
     TIMED,
 )
-from islandgp.bt.core.language import MAX_CHARACTERS, MAX_LEVELS, parse, parse_condition
+from islandgp.bt.core.language import MAX_LEVELS, parse, parse_condition
 from islandgp.bt.core.node import (
     AlwaysArgs,
     CountArgs,
@@ -98,9 +98,6 @@ def read_tree(
     root = importer.tree(tree)
     # The text of the tree is parsed, as only the parser checks a whole tree.
     tree_text = with_subtrees(commented(root, notes_of(importer.root)))
-    if len(tree_text) > MAX_CHARACTERS:
-        importer.differs(importer.root, "comments")
-        tree_text = with_subtrees(root, comments=False)
     checked = parse(tree_text, vocabulary, name=f"{name}, as text")
     return Imported(checked, tuple(sorted(importer.differences.values())), tree_text)
 

@@ -39,11 +39,6 @@ def branches(node: Node, before: str = "", below: str = "") -> Iterator[tuple[st
         )
 
 
-def to_lines(tree: Node) -> list[str]:
-    """The tree as plain text, one node per line."""
-    return [before + label(node) for before, node in branches(tree)]
-
-
 def to_rich(tree: Node, notes: Sequence[Text] | None = None) -> Text:
     """The tree in colours, with an optional note after each node (in document order)."""
     from rich.text import Text
