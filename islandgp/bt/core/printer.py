@@ -17,7 +17,6 @@ from islandgp.bt.core.kinds import CALLABLE, KINDS, NAME, RESERVED
 from islandgp.bt.core.node import (
     ActionArgs,
     Node,
-    NodeMark,
     UseArgs,
     Value,
     commented,
@@ -53,7 +52,7 @@ def to_text(node: Node) -> str:
     return "\n".join(lines_of(node)) + "\n"
 
 
-def with_subtrees(tree: Node, *, comments: bool = True) -> str:
+def with_subtrees(tree: Node) -> str:
     """The text of a tree with its named subtrees defined above it, and with its comments.
 
     A name defines the first tree with this name; a different one is printed at its use.
@@ -65,7 +64,7 @@ def with_subtrees(tree: Node, *, comments: bool = True) -> str:
         return "\n".join(written_lines(node, lead)) + "\n"
 
     def define(node: Node) -> Node:
-        *uses, own = [mark if comments else NodeMark(mark.name) for mark in marks_of(node)]
+        *uses, own = marks_of(node)
         inner: Node = marked(node._replace(children=tuple(map(define, node.children))), own)
         for use in reversed(uses):
             if use.name not in bodies:
