@@ -189,7 +189,6 @@ RULES = {
     )
     * 2,
     "a condition that always holds": ("when x >= 0 { A }", "A"),
-    "never succeeds, never repeated": ("repeater 3 { inverter { G } }", "inverter { G }"),
 }
 
 

@@ -20,7 +20,6 @@ from islandgp.bt.analysis.context import (
     conditions_when_evaluated,
     dead_end,
     effective_abort,
-    end_facts,
     has_interrupting_guard,
     may_interrupt,
     never,
@@ -32,7 +31,6 @@ from islandgp.bt.core.kind import NodeKind
 from islandgp.bt.core.kinds import KINDS, REPEATS, advance_status, kind_of
 from islandgp.bt.core.node import (
     FAILURE,
-    SUCCESS,
     CountArgs,
     GuardArgs,
     Node,
@@ -43,14 +41,6 @@ from islandgp.bt.core.printer import condition_text, head
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
 
 Rewrite: TypeAlias = tuple[Node, str] | None  # the simpler node and the reason; None: no change
-
-
-def _child_may_end(node: Node, context: NodeContext, index: int, status: int) -> bool:
-    """True if a child can end with this status; `context` is the parent's."""
-    child = node.children[index]
-    # What a leaf returns does not depend on its place, whose context takes time to make.
-    here = context if child.action else child_context(node, context, index)
-    return end_facts(child, here, status) is not None
 
 
 def _idle(node: Node, context: NodeContext) -> int | None:
@@ -132,15 +122,8 @@ def double_inverter(node: Node, context: NodeContext) -> Rewrite:  # noqa: ARG00
     return (child.children[0], undone) if kind_of(child).inverts else None
 
 
-def _repeats_once(node: Node, context: NodeContext) -> Rewrite:
-    child = node.children[0]
-    if count_of(node) == 1:
-        return child, head(node)
-    counted = kind_of(node).counts
-    if counted is not None and not _child_may_end(node, context, 0, counted):
-        verb = "fails" if counted == FAILURE else "succeeds"
-        return child, f"{head(child)} never {verb}, so it is never repeated"
-    return None
+def _repeats_once(node: Node, context: NodeContext) -> Rewrite:  # noqa: ARG001
+    return (node.children[0], head(node)) if count_of(node) == 1 else None
 
 
 def _double_repeater(node: Node, context: NodeContext) -> Rewrite:  # noqa: ARG001
@@ -154,17 +137,12 @@ def _double_repeater(node: Node, context: NodeContext) -> Rewrite:  # noqa: ARG0
     return Node(node.kind, CountArgs(count), child.children), f"{node.kind} in a {node.kind}"
 
 
-def _forced(node: Node, context: NodeContext) -> Rewrite:
+def _forced(node: Node, context: NodeContext) -> Rewrite:  # noqa: ARG001
     # The node ends with its fixed status in the tick in which the child ends, with any status.
     child = node.children[0]
-    kind = kind_of(child)
-    if kind.inverts or kind.forces:
-        return node._replace(children=child.children), f"{node.kind} above {child.kind}"
-    end = kind_of(node).ends[SUCCESS]
-    if not _child_may_end(node, context, 0, 1 - end):
-        verb = "succeeds" if end == SUCCESS else "fails"
-        return child, f"{head(child)} {verb} whenever it ends"
-    return None
+    if not (kind_of(child).inverts or kind_of(child).forces):
+        return None
+    return node._replace(children=child.children), f"{node.kind} above {child.kind}"
 
 
 def holds_anyway(node: Node, context: NodeContext) -> Rewrite:
