@@ -19,7 +19,7 @@ from collections.abc import Iterable, Iterator
 from functools import lru_cache
 from typing import Final, NamedTuple
 
-from islandgp.bt.analysis.satisfiability import Conditions, excludes, implies
+from islandgp.bt.analysis.satisfiability import Conditions, excludes, implies, keys_of
 from islandgp.bt.core.condition import Condition, ConditionExpr, combine, opposite, terms
 from islandgp.bt.core.kinds import advance_status, kind_of
 from islandgp.bt.core.node import (
@@ -56,9 +56,7 @@ class NodeContext(NamedTuple):
         """The conditions that still hold later in the tick: those without a written key."""
         if not self.written:
             return conditions
-        return tuple(
-            c for c in conditions if self.written.isdisjoint(k for t in terms(c) for k in t.keys)
-        )
+        return tuple(each for each in conditions if self.written.isdisjoint(keys_of(each)))
 
 
 def root_context(tree: Node, vocabulary: Vocabulary) -> NodeContext:
@@ -67,11 +65,6 @@ def root_context(tree: Node, vocabulary: Vocabulary) -> NodeContext:
     context = NodeContext((), (), None, vocabulary, written)
     always = context.facts(*vocabulary.always)
     return context._replace(always=always, at_start=always)
-
-
-def child_context(node: Node, context: NodeContext, index: int) -> NodeContext:
-    """The context of the child with this index, derived from the context of its parent."""
-    return child_contexts(node, context)[index]
 
 
 @lru_cache(maxsize=MAX_FACTS)
@@ -267,7 +260,7 @@ def end_facts(node: Node, context: NodeContext, status: int) -> Conditions | Non
     if node.guard:
         return _guard_end(node, node.guard, context, status)
     if kind.decorates:
-        inside = child_context(node, context, 0)
+        inside = child_contexts(node, context)[0]
         ends = [s for s in (FAILURE, SUCCESS) if kind.ends[s] == status]
         facts = _either(end_facts(node.children[0], inside, end) for end in ends)
         return () if status == FAILURE and kind.may_fail else facts
@@ -279,7 +272,7 @@ def end_facts(node: Node, context: NodeContext, status: int) -> Conditions | Non
 def _guard_end(
     node: Node, guard: GuardArgs, context: NodeContext, status: int
 ) -> Conditions | None:
-    child, inside = node.children[0], child_context(node, context, 0)
+    child, inside = node.children[0], child_contexts(node, context)[0]
     facts = None if never(guard, context) else end_facts(child, inside, status)
     if status == SUCCESS:
         if facts is not None and (guard.checks_itself or ends_at_once(child, inside)):

@@ -50,5 +50,15 @@ def _new_name(node: Node, taken: Collection[str]) -> str:
     """A free name after the last action of a node, if any, such as `execute_charge`."""
     last = [node.kind, *(each.action for each in walk(node) if each.action)][-1]
     words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", last).lower()
-    numbered = (words if n == 1 else f"{words}_{n}" for n in range(1, len(taken) + 2))
-    return next(name for name in numbered if name not in taken)
+    return fresh_name(words, taken)
+
+
+def fresh_name(name: str, taken: Collection[str]) -> str:
+    """A valid name like `name` that is not in `taken`: recharge_20_3 for `recharge(20, 3)`."""
+    prefix = re.sub(r"[^A-Za-z0-9_]+", "_", name.replace("-", "minus_").removesuffix(")"))
+    prefix = prefix if prefix[:1].isalpha() or prefix[:1] == "_" else f"tree_{prefix}"
+    candidate, number = prefix, 1
+    while candidate in taken:
+        number += 1
+        candidate = f"{prefix}_{number}"
+    return candidate

@@ -25,7 +25,7 @@ from islandgp.bt.core.vocabulary import Vocabulary
 Conditions: TypeAlias = tuple[ConditionExpr, ...]
 
 MAX_CASES: Final = 32  # most cases of conditions joined by `or`
-MAX_TERMS: Final = 64  # most comparisons and flags that are analysed together
+MAX_PREMISES: Final = 64  # most conditions that are analysed together
 
 
 def keys_of(expr: ConditionExpr) -> set[str]:
@@ -37,7 +37,7 @@ def implies(premises: Conditions, expr: ConditionExpr) -> bool:
     """True if `expr` holds on every blackboard on which all of `premises` hold.
 
     It may also return False for a condition that is implied, if more than MAX_CASES cases or
-    MAX_TERMS terms would have to be examined.
+    MAX_PREMISES premises would have to be examined.
     """
     return excludes(premises, opposite(expr))
 
@@ -109,13 +109,8 @@ def _related(premises: Conditions, expr: ConditionExpr) -> Conditions:
 
 def _consistent(premises: Conditions, expr: ConditionExpr) -> bool:
     """True if there may be a blackboard on which `expr` and all of `premises` hold."""
-    exprs = [to_nnf(expr)]
-    terms_left = MAX_TERMS
-    for each in premises:
-        terms_left -= sum(1 for _ in terms(each))
-        if terms_left >= 0:  # dropping a known condition can only turn False into True
-            exprs.append(to_nnf(each))
-    joint = combine("and", exprs)
+    # Without some premises the answer can only turn from False to True.
+    joint = combine("and", [to_nnf(each) for each in (expr, *premises[:MAX_PREMISES])])
     return _case_count(joint) > MAX_CASES or _any_case_holds([], [joint])
 
 

@@ -15,7 +15,6 @@ from typing import Final, NamedTuple, TypeAlias
 from islandgp.bt.analysis.context import (
     NodeContext,
     always_holds,
-    child_context,
     child_contexts,
     conditions_when_evaluated,
     dead_end,
@@ -65,7 +64,7 @@ def _idle(node: Node, context: NodeContext) -> int | None:
 def _child_idle(node: Node, context: NodeContext) -> int | None:
     """`_idle` of the only child; `context` is the parent's."""
     child = node.children[0]
-    return _idle(child, child_context(node, context, 0)) if kind_of(child).decorates else None
+    return _idle(child, child_contexts(node, context)[0]) if kind_of(child).decorates else None
 
 
 def _only_child(node: Node, context: NodeContext) -> Rewrite:
@@ -160,7 +159,7 @@ def _guard_twice(node: Node, context: NodeContext) -> Rewrite:
     inner = child.guard
     if inner is None or inner.condition != guard.condition:
         return None
-    if may_interrupt(inner, child_context(node, context, 0)) and not guard.interrupts:
+    if may_interrupt(inner, child_contexts(node, context)[0]) and not guard.interrupts:
         return None
     stops = guard.checks_itself or inner.checks_itself
     abort = {(0, 0): "none", (1, 0): "self", (0, 1): "lower", (1, 1): "both"}

@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Final, NamedTuple, NoReturn, TypeAlias
 
 from islandgp.bt.analysis.context import without_interrupts
+from islandgp.bt.analysis.names import fresh_name
 from islandgp.bt.core.condition import Compound, ConditionExpr, negate, opposite, terms
 from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.language import MAX_LEVELS, MAX_NODES
@@ -16,7 +17,7 @@ from islandgp.bt.core.parameters import referenced
 from islandgp.bt.core.source import closest, shown
 from islandgp.bt.core.vocabulary import NAME, RESERVED, Vocabulary
 from islandgp.bt.export.scripts import read_condition
-from islandgp.bt.export.tree_writer import HEADER, fresh_name
+from islandgp.bt.export.tree_writer import HEADER
 from islandgp.bt.export.xml_reader import Element, XmlTrees
 from islandgp.errors import LimitError, TreeError
 

@@ -6,13 +6,13 @@ selector or sequence that observes guards becomes an interruptible one, and its 
 
 from __future__ import annotations
 
-import re
 from abc import ABC, abstractmethod
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Final
 
 from islandgp.bt.analysis.context import has_interrupting_guard
+from islandgp.bt.analysis.names import fresh_name
 from islandgp.bt.core.kind import Target
 from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.node import Node, marks_of
@@ -102,17 +102,6 @@ class TreeWriter(ABC):
     @abstractmethod
     def comments(self, texts: Sequence[str]) -> list[str]:
         """The lines of comments."""
-
-
-def fresh_name(name: str, taken: set[str]) -> str:
-    """A valid name like `name` that is not in `taken`: recharge_20_3 for `recharge(20, 3)`."""
-    prefix = re.sub(r"[^A-Za-z0-9_]+", "_", name.replace("-", "minus_").removesuffix(")"))
-    prefix = prefix if prefix[:1].isalpha() or prefix[:1] == "_" else f"tree_{prefix}"
-    candidate, number = prefix, 1
-    while candidate in taken:
-        number += 1
-        candidate = f"{prefix}_{number}"
-    return candidate
 
 
 def own_nodes(name: str) -> str:
