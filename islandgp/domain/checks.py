@@ -14,19 +14,22 @@ from islandgp.leaves import is_flag, is_number
 from islandgp.plugin import defined_in, short_repr
 
 
+def fault_of(source: object, expected: str, found: str, remedy: str = "") -> DomainError:
+    """The error of a class or function of the user's, with its place in the source."""
+    remedy = f"; {remedy}" if remedy else ""
+    return DomainError(f"Expected {expected}, found {found}{remedy}{defined_in(source)}.")
+
+
 def must_last(kind: type, world: Any, step_s: Any) -> None:
     """Raises DomainError unless `step_s` and the setting `ticks` are positive and finite."""
     if not (is_number(step_s) and step_s > 0):
-        raise DomainError(
-            f"Expected a number of seconds above 0 as {kind.__name__}.step_s, found"
-            f" {step_s!r}{defined_in(kind)}."
-        )
+        expected = f"a number of seconds above 0 as {kind.__name__}.step_s"
+        raise fault_of(kind, expected, repr(step_s))
     ticks: Any = getattr(world, "ticks", None)
     if not (is_number(ticks) and ticks >= 1):
-        raise DomainError(
-            f"Expected the setting ticks of {type(world).__name__} to be a number of at least 1,"
-            f" found {ticks!r}; declare it as `ticks: int = Field(ge=1)`{defined_in(type(world))}."
-        )
+        expected = f"the setting ticks of {type(world).__name__} to be a number of at least 1"
+        remedy = "declare it as `ticks: int = Field(ge=1)`"
+        raise fault_of(type(world), expected, repr(ticks), remedy)
 
 
 def must_take(
@@ -58,56 +61,45 @@ def must_be_values(keys: Mapping[str, Key], values: Any, sense: object) -> None:
     Raises:
         DomainError: the values are not a mapping with a finite number for each key and no others.
     """
-    where = defined_in(sense)
     if not isinstance(values, Mapping):
-        raise DomainError(
-            f"Expected a dict of values by key from `sense`, found {short_repr(values)}{where}."
-        )
+        raise fault_of(sense, "a dict of values by key from `sense`", short_repr(values))
     for name, key in keys.items():
         if name not in values:
-            raise DomainError(
-                f"Expected a value of the key {name} from `sense`, found none{where}."
-            )
+            raise fault_of(sense, f"a value of the key {name} from `sense`", "none")
         if not is_number(values[name]) and not is_flag(values[name]):
             most = "" if key.most is None else f" and at most {key.most:g}"
             expected = "True or False" if key.flag else f"a number of at least {key.low:g}{most}"
-            expected = key.kind if key.words else expected
-            raise DomainError(
-                f"Expected {expected} as the value of the key {name} from `sense`, found"
-                f" {short_repr(values[name])}{where}."
-            )
+            expected = f"{key.kind if key.words else expected} as the value of the key {name}"
+            raise fault_of(sense, f"{expected} from `sense`", short_repr(values[name]))
     for name in values:
         if name not in keys:
-            raise DomainError(
-                f"Expected values of the vocabulary's keys from `sense`, found {name!r} as well"
-                f"{near_hint(name, keys)}; declare it among the keys, or leave it out{where}."
-            )
+            remedy = "declare it among the keys, or leave it out"
+            found = f"{name!r} as well{near_hint(name, keys)}"
+            raise fault_of(sense, "values of the vocabulary's keys from `sense`", found, remedy)
 
 
-def no_ending(result: object, step: object) -> str:
-    """The message for a result of `step` that is not a text."""
-    hint = "; leave `yield` out of it" if isgenerator(result) else ""
-    return (
-        'Expected why the episode is over from `step`, a text, or "" to continue, found'
-        f" {short_repr(result)}{hint}{defined_in(step)}."
-    )
+def no_ending(result: object, step: object) -> DomainError:
+    """The error of a result of `step` that is not a text."""
+    expected = 'why the episode is over from `step`, a text, or "" to continue'
+    remedy = "leave `yield` out of it" if isgenerator(result) else ""
+    return fault_of(step, expected, short_repr(result), remedy)
 
 
-def wrong_measure(schema: Schema, measured: Any) -> str:
-    """The first error in the values from `measures`, or ""."""
+def must_be_counters(schema: Schema, measured: Any, measures: object) -> None:
+    """Raises DomainError unless `measures` returns numbers for the counters that are no events."""
     if not isinstance(measured, Mapping):
-        return f"Expected a dict of values by counter from `measures`, found {short_repr(measured)}"
+        raise fault_of(
+            measures, "a dict of values by counter from `measures`", short_repr(measured)
+        )
     for name, value in measured.items():
         if name not in schema.counters:
-            return (
-                f"Expected counters of the schema from `measures`, found {name!r}"
-                f"{near_hint(name, schema.counters)}; declare it among the counters, or leave"
-                " it out"
-            )
+            found = f"{name!r}{near_hint(name, schema.counters)}"
+            remedy = "declare it among the counters, or leave it out"
+            raise fault_of(measures, "counters of the schema from `measures`", found, remedy)
         if not is_number(value) and not is_flag(value):
-            expected = f"Expected a finite number as the counter {name} from `measures`"
-            return f"{expected}, found {short_repr(value)}"
+            expected = f"a finite number as the counter {name} from `measures`"
+            raise fault_of(measures, expected, short_repr(value))
     for name in schema.counters:
         if name not in measured and name not in schema.events:
-            return f"Expected the counter {name} from `measures`, as it is no event, found none"
-    return ""
+            expected = f"the counter {name} from `measures`, as it is no event"
+            raise fault_of(measures, expected, "none")

@@ -26,27 +26,23 @@ from typing import Any, ClassVar, ParamSpec, Protocol, Self, TypeVar
 from pydantic import BaseModel
 
 from islandgp.bt.core.engine import compile_tree
-from islandgp.bt.core.node import RUNNING, ActionArgs, Node
+from islandgp.bt.core.node import ActionArgs, Node
 from islandgp.bt.core.vocabulary import Key
-from islandgp.domain.checks import must_be_values, must_last, must_take, no_ending, wrong_measure
+from islandgp.domain.checks import (
+    fault_of,
+    must_be_counters,
+    must_be_values,
+    must_last,
+    must_take,
+    no_ending,
+)
 from islandgp.domain.contract import Observer, Outcome, Schema, wants_scenes
 from islandgp.domain.event_log import EventLog
 from islandgp.domain.rewards import RewardTable
 from islandgp.domain.sensors import SensorFaults
-from islandgp.errors import DomainError
 from islandgp.leaves import Leaf, LeafRunner
-from islandgp.plugin import defined_in, short_repr
+from islandgp.plugin import short_repr
 from islandgp.time_limit import Overdue
-
-__all__ = [
-    "RUNNING",
-    "EventLog",
-    "Leaf",
-    "Simulation",
-    "SimulatorDomain",
-    "must_be_values",
-    "once_a_thread",
-]
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -146,10 +142,8 @@ class SimulatorDomain:
         """
         kind = getattr(type(self), "Episode", None)
         if kind is None:
-            raise DomainError(
-                f"Expected a class Episode in {type(self).__name__}, found none; write"
-                f" `Episode = ...` there{defined_in(type(self))}."
-            )
+            expected = f"a class Episode in {type(self).__name__}"
+            raise fault_of(type(self), expected, "none", "write `Episode = ...` there")
         try:
             episode: Any = kind(self.world, seed, log)
         except TypeError as error:
@@ -255,7 +249,7 @@ class SimulatorDomain:
                 observer.tick(board, scene())
             ending = step()
             if ending and not isinstance(ending, str):
-                raise DomainError(no_ending(ending, step))
+                raise no_ending(ending, step)
         for runner in runners:
             runner.stop()
         return Outcome(
@@ -270,11 +264,9 @@ def _leaf(episode: Any, name: str) -> Leaf:
     """The episode's method for an action. Raises DomainError if there is none."""
     method = getattr(episode, name, None)
     if not callable(method):
-        member = "none" if method is None else short_repr(method)
-        raise DomainError(
-            f"Expected a method {name} in {type(episode).__name__} for the action of that name,"
-            f" found {member}{defined_in(type(episode))}."
-        )
+        expected = f"a method {name} in {type(episode).__name__} for the action of that name"
+        found = "none" if method is None else short_repr(method)
+        raise fault_of(type(episode), expected, found)
     leaf: Leaf = method
     return leaf
 
@@ -290,8 +282,7 @@ def _indices(values: Mapping[str, Any], enumerated: Mapping[str, Key]) -> dict[s
 def _counters(schema: Schema, log: EventLog, measures: Any) -> dict[str, float]:
     """The value of each counter. Raises DomainError for wrong values from `measures`."""
     measured = measures()
-    if fault := wrong_measure(schema, measured):
-        raise DomainError(f"{fault}{defined_in(measures)}.")
+    must_be_counters(schema, measured, measures)
     return {name: float(measured.get(name, log.counts.get(name, 0))) for name in schema.counters}
 
 

@@ -11,9 +11,9 @@
 from __future__ import annotations
 
 import pickle
-from collections import deque
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from heapq import heappop, heappush
 from itertools import combinations_with_replacement, pairwise
 from math import isclose, isfinite
 from textwrap import indent
@@ -160,12 +160,14 @@ def _run_trees(
 
 
 def _grow(survey: Survey, actions: Sequence[Node], most: int) -> None:
-    """Runs sequences of actions and extends those that reached something new."""
+    """Runs sequences of actions and extends those that reached something new.
+
+    Those with something that no sequence had reached come first, then the longest.
+    """
     reached: set[Hashable] = set()
-    states: set[Hashable] = set()
-    waiting = deque[tuple[Node, ...]]([()])
+    waiting: list[tuple[bool, int, int, tuple[Node, ...]]] = [(False, 0, 0, ())]
     while waiting:
-        chain = waiting.popleft()
+        *_, chain = heappop(waiting)
         for action in actions:
             if not most:
                 return
@@ -173,12 +175,10 @@ def _grow(survey: Survey, actions: Sequence[Node], most: int) -> None:
             longer = (*chain, action)
             if (run := survey.run(sequence(*longer))) is None:
                 continue
-            if run.record.firsts() - reached:
-                waiting.appendleft(longer)
-            elif run.record.states - states:
-                waiting.append(longer)
-            reached |= run.record.firsts()
-            states |= run.record.states
+            firsts, states = run.record.firsts() - reached, run.record.states - reached
+            reached |= firsts | states
+            if firsts or states:
+                heappush(waiting, (not firsts, -len(longer), -most, longer))
 
 
 def _seem_shared(survey: Survey) -> Iterator[str]:

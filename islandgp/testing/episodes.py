@@ -160,7 +160,8 @@ class Record(Observer):
         reached |= {pair for pair in self.statuses if pair[1] == SUCCESS}
         for name, (low, high) in self.ends.items():
             key = self._schema.vocabulary.keys[name]
-            reached |= {(name, low <= key.low, high > key.low, high >= key.high)}
+            ends = {"low": low <= key.low, "above": high > key.low, "high": high >= key.high}
+            reached |= {(name, end) for end, is_reached in ends.items() if is_reached}
         return reached
 
     def node(self, place: int, status: int) -> None:

@@ -23,7 +23,7 @@ from islandgp.domain import (
     once_a_thread,
     png,
 )
-from islandgp.domain.simulator import must_be_values
+from islandgp.domain.checks import must_be_values
 from islandgp.domains.gymnasium import rendering
 from islandgp.domains.gymnasium import world as settings
 from islandgp.domains.gymnasium.spaces import Read, Spaces
