@@ -5,22 +5,16 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Iterator, Sequence
-from inspect import getfile
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from islandgp.bt.core.language import domain_of
-from islandgp.bt.core.node import Node
 from islandgp.bt.core.parameters import adapter, described, signature
 from islandgp.bt.core.vocabulary import Key
 from islandgp.commands.files import FILE, STDIN, read_tree_text
 from islandgp.commands.options import DomainOptions, with_domain_options, with_timeout_option
 from islandgp.commands.setting import configured, default_domain, domain_file, settings_of
 from islandgp.domain import Schema
-from islandgp.errors import IslandError
-from islandgp.resources import resource
 
 if TYPE_CHECKING:
     from islandgp.config.settings import Settings
@@ -124,39 +118,14 @@ def _range(key: Key) -> str:
 
 def _check(settings: Settings, files: Sequence[str], *, strict: bool, timeout: float) -> int:
     """Runs the contract suite; returns the exit code."""
-    from islandgp.testing.check import check_domain
+    from islandgp.testing.check import check_domain, known_trees
 
-    vocabulary = settings.make_domain().schema.vocabulary
-    trees = [read_tree_text(file).tree(vocabulary) for file in files]
-    known, left_out = known_trees(settings)
+    domain = settings.make_domain()
+    trees = [read_tree_text(file).tree(domain.schema.vocabulary) for file in files]
+    known, left_out = known_trees(domain, settings.library.folder, default_domain())
     for line in left_out:
         click.echo(f"left out: {line}")
     own = dict.fromkeys((*trees, *known))
     check = check_domain(settings.make_domain, trees=own, timeout=timeout)
     click.echo("\n".join(check.lines()))
     return 1 if check.faults or (strict and check.unreached()) else 0
-
-
-def known_trees(settings: Settings) -> tuple[list[Node], list[str]]:
-    """The trees of .bt files for a domain, and a line for each file that cannot be read.
-
-    The files are next to the domain's module, in its folder `trees`, in the library's folder, and
-    in the examples.
-    """
-    from islandgp.supervision.library import library_folder
-
-    domain = settings.make_domain()
-    beside = Path(getfile(type(domain))).parent
-    folders = [beside, beside / "trees", resource("grammar") / "examples"]
-    if settings.library.folder is not None:
-        folders.append(library_folder(settings.library.folder, domain))
-    trees: list[Node] = []
-    left_out: dict[str, None] = {}
-    for file in dict.fromkeys(file for folder in folders for file in sorted(folder.glob("*.bt"))):
-        try:
-            source = read_tree_text(str(file))
-            if (domain_of(source.text) or default_domain()) == domain.schema.vocabulary.domain:
-                trees.append(source.tree(domain.schema.vocabulary))
-        except IslandError as error:
-            left_out[str(error).splitlines()[0]] = None
-    return trees, list(left_out)

@@ -14,20 +14,23 @@ import pickle
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from heapq import heappop, heappush
+from inspect import getfile
 from itertools import combinations_with_replacement, pairwise
 from math import isclose, isfinite
+from pathlib import Path
 from textwrap import indent
 from typing import Final
 
 import numpy as np
 import yaml
 
-from islandgp.bt.core.language import parse
+from islandgp.bt.core.language import domain_of, parse
 from islandgp.bt.core.node import Limits, Node, ParallelArgs, leaf, sequence
 from islandgp.domain import Domain
-from islandgp.errors import TimeLimitError
+from islandgp.errors import IslandError, TimeLimitError
 from islandgp.gp.random_trees import TreeSettings, TreeSpace, random_tree
 from islandgp.resources import resource
+from islandgp.supervision.library import library_folder
 from islandgp.testing.episodes import (
     SEEDS,
     Promise,
@@ -38,6 +41,7 @@ from islandgp.testing.episodes import (
     tree_line,
     unreached,
 )
+from islandgp.text_files import read_text_file
 
 MAX_FAULTS: Final = 10  # failed episodes that are reported
 
@@ -132,6 +136,34 @@ def check_domain(
         for promise, fault in (*_of_outcomes(survey, run), *run.record.faults.items()):
             found.setdefault(promise, fault)
     return Check({str(promise): found[promise] for promise in Promise if promise in found}, survey)
+
+
+def known_trees(domain: Domain, library: str | None, default: str) -> tuple[list[Node], list[str]]:
+    """The trees of .bt files for a domain, and a line for each file that cannot be read.
+
+    The files are next to the domain's module, in its folder `trees`, in the library's folder, and
+    in the examples.
+
+    Args:
+        domain: of the trees.
+        library: folder of the library; None: there is none.
+        default: the domain of a file that names none.
+
+    Returns:
+        The trees, and the first lines of the errors of files that are no trees of the domain.
+    """
+    beside = Path(getfile(type(domain))).parent
+    folders = [beside, beside / "trees", resource("grammar") / "examples"]
+    folders += [] if library is None else [library_folder(library, domain)]
+    trees, left_out, vocabulary = [], [], domain.schema.vocabulary
+    for file in dict.fromkeys(f for folder in folders for f in sorted(folder.glob("*.bt"))):
+        try:
+            text = read_text_file(file)
+            if (domain_of(text) or default) == vocabulary.domain:
+                trees.append(parse(text, vocabulary, name=str(file), folder=file.parent))
+        except IslandError as error:
+            left_out.append(str(error).splitlines()[0])
+    return trees, left_out
 
 
 def _run_trees(

@@ -60,7 +60,7 @@ def test_without_changes_there_is_one_domain() -> None:
         ),
         (
             {"episode": {"bloks": 1}},
-            "curriculum.stages.0.world.episode.bloks: unknown key; there are step, length,",
+            "curriculum.stages.0.world.episode.bloks: unknown key;",
         ),
     ],
 )

@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import random
 import signal
-import subprocess
 import sys
 import time
 from pathlib import Path
@@ -13,7 +12,6 @@ from pathlib import Path
 import pytest
 
 from tests.running.commands import (
-    ROOT,
     TINY,
     fake,
     finish,
@@ -148,23 +146,6 @@ def test_ctrl_c_while_modules_are_imported(tmp_path: Path) -> None:
     assert finish(start(tmp_path, *SLOW)) == (130, "islandgp: stopped\n")
 
 
-def test_ctrl_c_in_another_command(tmp_path: Path) -> None:
-    """Exit code 130 and a line."""
-    (tmp_path / "hydra.py").write_text(
-        "import os, signal\nos.kill(os.getpid(), signal.SIGINT)\nopen(os.devnull)\n"
-    )
-    process = subprocess.run(
-        [sys.executable, "-c", "from islandgp.cli import main; main()", "run", *SLOW],
-        cwd=tmp_path,
-        env={**os.environ, "PYTHONPATH": str(ROOT)},
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert (process.returncode, process.stdout) == (130, "")
-    assert process.stderr.strip() == "islandgp: stopped"
-
-
 @pytest.mark.parametrize(
     "killed",
     [
@@ -194,7 +175,7 @@ def test_a_run_stops_in_seconds_although_a_worker_does_not_answer(
 
 
 @pytest.mark.slow
-def test_ctrl_c_stops_a_joblib_sweep_and_the_same_command_finishes_it(tmp_path: Path) -> None:
+def test_ctrl_c_stops_a_parallel_sweep_and_the_same_command_finishes_it(tmp_path: Path) -> None:
     """No process left, nothing RUNNING, exit code 130; then all jobs and the parent FINISHED."""
     overrides = (*SLOW, "hydra/launcher=local", "hydra.launcher.n_jobs=2", "seed=range(3)", "-m")
     process = start(tmp_path, *overrides)
@@ -216,7 +197,7 @@ def test_ctrl_c_stops_a_joblib_sweep_and_the_same_command_finishes_it(tmp_path: 
 
 
 @pytest.mark.slow
-def test_a_joblib_sweep_that_is_killed_leaves_no_worker(tmp_path: Path) -> None:
+def test_a_parallel_sweep_that_is_killed_leaves_no_worker(tmp_path: Path) -> None:
     """`kill -9` of its process alone: jobs, their workers and idle workers end with it."""
     launcher = ("hydra/launcher=local", "hydra.launcher.n_jobs=3", "seed=0,1", "-m")
     overrides = (*TINY, "gp.generations=60", "tracking=off", *TWO_WORKERS, *launcher)

@@ -164,6 +164,7 @@ def test_first_runs_at_once_share_a_new_store(cwd: Path) -> None:
     assert len(store.client.search_runs([store.experiment], "tags.`seed` != ''")) == 3
 
 
+@pytest.mark.slow
 def test_a_deleted_store_is_filled_again(cwd: Path) -> None:
     """MLflow 14081: the folders have all records; `sync` makes the store from them."""
     assert main([*QUIET]) == 0

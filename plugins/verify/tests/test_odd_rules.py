@@ -49,7 +49,7 @@ def test_wrong_texts(islandgp: Cli, kind: str) -> None:
         ),
         (
             ["verify-tree", "ok.bt", RULE, "--steps", "0"],
-            "expected a number from 1 to 2,000,000, found 0",
+            "0 is not in the range 1<=x<=2000000",
         ),
     ],
     ids=lambda each: " ".join(each)[:40] if isinstance(each, list) else "",
