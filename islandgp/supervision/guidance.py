@@ -266,12 +266,11 @@ def decide_edits(
     records: list[EditRecord] = []
     trees: list[EditedTree] = []
     for edit in edits:
-        refused = ""
         try:
             trees.append(_edited_tree(plan, search, edit, names, trees))
+            records.append(as_record(edit, ""))
         except ValueError as error:
-            refused = str(error)
-        records.append(as_record(edit, refused))
+            records.append(as_record(edit, str(error)))
     return tuple(records), tuple(trees)
 
 

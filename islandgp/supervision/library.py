@@ -18,6 +18,7 @@ from islandgp.domain import Domain
 from islandgp.errors import ConfigError
 from islandgp.resources import resource
 from islandgp.scoring.classes import Classes
+from islandgp.text_files import read_text_file
 
 
 class LibrarySettings(BaseModel, frozen=True, extra="forbid"):
@@ -98,16 +99,9 @@ def _parsed(text: str, vocabulary: Vocabulary, name: str) -> Node:
 
 
 def read_tree(folder: Path, name: str) -> str:
-    """The text of a tree in a folder. Raises ConfigError if it cannot be read."""
+    """The text of a tree in a folder. Raises ConfigError or IslandError if it cannot be read."""
     path = folder / f"{name}.bt"
-    try:
-        return path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise ConfigError(
-            f"library: expected UTF-8 text in {path}, found {error.reason}."
-        ) from None
-    except OSError as error:
+    if not path.is_file():
         names = ", ".join(sorted(p.stem for p in folder.glob("*.bt"))) or "none"
-        raise ConfigError(
-            f"library: expected a tree in {path}, found none ({error.strerror}); there are {names}."
-        ) from None
+        raise ConfigError(f"library: expected a tree in {path}, found none; there are {names}.")
+    return read_text_file(path)

@@ -13,7 +13,7 @@ from islandgp.bt.core.kinds import ABORTS, KINDS
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.vocabulary import Action, Vocabulary
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
-from islandgp.errors import SupervisionError
+from islandgp.errors import IslandError, SupervisionError
 from islandgp.resources import resource
 from islandgp.supervision.base import Pattern, Phase
 from islandgp.supervision.llm.answers import (
@@ -196,7 +196,7 @@ def test_a_user_s_prompts(tmp_path: Path) -> None:
     with pytest.raises(SupervisionError, match="# user"):
         load_prompt("mutation_rate", str(tmp_path))
     prompt_file.write_bytes("# user\nStra\xdfe".encode("latin-1"))
-    with pytest.raises(SupervisionError, match=r"Expected UTF-8 text in .*save it as UTF-8"):
+    with pytest.raises(IslandError, match=r"Expected UTF-8 text in .*save it as UTF-8"):
         load_prompt("mutation_rate", str(tmp_path))
     prompt_file.unlink()
     assert "Phases" in Questions(llm_settings, context()).prompts["mutation_rate"].system

@@ -190,7 +190,7 @@ def test_a_hopeless_probe_stops_the_run_before_it_starts(kind: FailureKind, reme
         ("http://here:99999", "an address such as"),
         ("http://he re", "an address such as"),
         ("ftp://here", "an address such as"),
-        ("http://me:word@here", "expected no user name and password"),
+        ("http://me:word@here", "without a name or password"),
     ],
     quick=4,
 )

@@ -28,6 +28,7 @@ from islandgp.resources import resource
 from islandgp.supervision.base import RunContext
 from islandgp.supervision.library import Library
 from islandgp.text import in_points, title
+from islandgp.text_files import read_text_file
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -109,7 +110,7 @@ def load_prompt(name: str, setting: str) -> Prompt:
     A file that the folder lacks is that of `paper`.
 
     Raises:
-        SupervisionError: there is no such folder, or the file has no parts.
+        IslandError: there is no such folder, or the file is not text or has no parts.
     """
     shipped = resource("prompts")
     folder = shipped if setting in PROMPT_SETS else Path(setting)
@@ -117,15 +118,9 @@ def load_prompt(name: str, setting: str) -> Prompt:
     path = folder / f"{name}.md"
     if folder.is_dir() and not path.exists():
         path = shipped / f"{name}.md"
-    try:
-        text = path.read_text(encoding="utf-8")
-    except UnicodeDecodeError as error:
-        raise SupervisionError(
-            f"Expected UTF-8 text in {path}, found {error.reason}; save it as UTF-8."
-        ) from None
-    except OSError as error:
-        raise SupervisionError(f"Expected a prompt in {path}, found none: {error}.") from None
-    head, *rest = _PART.split(text)
+    if not path.is_file():
+        raise SupervisionError(f"Expected a prompt in {path}, found none.")
+    head, *rest = _PART.split(read_text_file(path))
     parts = dict(zip(rest[::2], rest[1::2], strict=True))
     if head.strip() or "user" not in parts:
         raise SupervisionError(

@@ -7,7 +7,15 @@ import os
 import re
 from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple
 
-from pydantic import BaseModel, Field, SecretStr, field_validator, model_validator
+from pydantic import (
+    AfterValidator,
+    AnyHttpUrl,
+    BaseModel,
+    Field,
+    SecretStr,
+    field_validator,
+    model_validator,
+)
 
 from islandgp.plugin import ComponentConfig
 from islandgp.supervision.base import SUPERVISES, PhaseRates, Rates
@@ -24,13 +32,17 @@ OWN_FIELDS: Final = frozenset(
 )
 """Fields of a request's body that have settings of their own; `stream` is not supported."""
 
-_ADDRESS: Final = re.compile(r"https?://[^\s/@:]+(:0*[1-9]\d{0,4})?(/[^\s@]*)?")
 _REQUESTS: Final = re.compile(r"(/v1)?/(messages|responses|(chat/)?completions)/*$")
 
 
-def check_address(url: str) -> None:
-    """Raises ValueError unless a text is a server's address without the path of a request."""
-    if not _ADDRESS.fullmatch(url) or not url.isprintable():
+def check_address(url: str) -> str:
+    """The text. Raises ValueError unless it is a server's address without the path of a request."""
+    try:
+        parts = AnyHttpUrl(url)
+    except ValueError:
+        parts = None
+    is_plain = url.isprintable() and " " not in url and "@" not in url
+    if parts is None or parts.port == 0 or not is_plain:
         raise ValueError(
             "expected an address such as http://localhost:11434, without a name or password, which"
             " ANTHROPIC_API_KEY replaces"
@@ -41,6 +53,10 @@ def check_address(url: str) -> None:
             f" found {path[0]} at its end; the client adds it. A server with OpenAI's API only"
             " needs supervisor.policy.interface=chat"
         )
+    return url
+
+
+Address = Annotated[str, AfterValidator(check_address)]
 
 
 class API(NamedTuple):
@@ -149,7 +165,7 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     client_factory: ClientFactory | None = None  # makes the SDK's client; None: the Anthropic API's
     interface: Literal["anthropic", "chat", "local"] = "anthropic"  # of the server; local: none
     model: str = Field(min_length=1)  # name or alias; local: or the path of a GGUF file
-    base_url: str | None  # None: ANTHROPIC_BASE_URL, or else that of the client
+    base_url: Address | None  # None: ANTHROPIC_BASE_URL, or else that of the client
     api_key: SecretStr | None = None  # None: ANTHROPIC_API_KEY; never written to files
     max_tokens: int = Field(ge=64, le=200_000)  # of an answer
     temperature: float | None = Field(ge=0, le=2)  # sent if the model accepts one
@@ -175,12 +191,6 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     fallback: Fallback
     reads: ClassVar = dict.fromkeys(("rate", "tree", "edits"), READS)
 
-    @field_validator("api_key", mode="before")
-    @classmethod
-    def _text(cls, key: object) -> object:
-        # The command line parses a key of digits as a number, and errors would show it.
-        return str(key) if isinstance(key, int) else key
-
     @field_validator("extra_body")
     @classmethod
     def _more_fields(cls, extra: dict[str, Any] | None) -> dict[str, Any] | None:
@@ -191,13 +201,6 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
             )
         json.dumps(extra, allow_nan=False)  # raises ValueError for a number that JSON lacks
         return extra
-
-    @field_validator("base_url")
-    @classmethod
-    def _plain_url(cls, url: str | None) -> str | None:
-        if url is not None:
-            check_address(url)
-        return url
 
     @model_validator(mode="after")
     def _whole(self) -> LLMSettings:
