@@ -40,12 +40,12 @@ def test_wrong_texts(islandgp: Cli, kind: str) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["verify-tree", "ok.bt"], "expected RULES..., found none"),
+        (["verify-tree", "ok.bt"], "missing argument 'RULES...'"),
         (["verify-tree", "ok.bt", "never"], "rule 'never': expected never ACTION while CONDITION"),
-        (["verify-tree", "ok.bt", "never SeekCharger while lap > nan"], "unknown constant or key"),
+        (["verify-tree", "ok.bt", "never SeekCharger while lap > nan"], "'nan' does not fit lap"),
         (
             ["verify-tree", "ok.bt", f"never SeekCharger while {'(' * 3000}lap{')' * 3000}"],
-            "too deep",
+            "too long",
         ),
         (
             ["verify-tree", "ok.bt", RULE, "--steps", "0"],
