@@ -255,7 +255,7 @@ def test_simplify(islandgp: Cli, tmp_path: Path) -> None:
     assert "6 nodes before, 3 after; 2 changes" in result.err
     condition = "when lap > 1 and lap > 0 { PatrolWaypoint }"
     assert islandgp("simplify", "-", "--explain", stdin=condition).err == (
-        "the condition of when lap > 1 and lap > 0 is equivalent to lap > 1\n"
+        "when lap > 1 and lap > 0 is equivalent to a shorter one: lap > 1\n"
         "2 nodes before, 2 after; 1 change\n"
     )
     islandgp("simplify", "-", "-o", tmp_path / "t.bt", stdin=text)
