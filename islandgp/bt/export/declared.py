@@ -48,8 +48,6 @@ from islandgp.plain import read_json
 UNNAMED: Final = "model"
 """Domain of a vocabulary from a TreeNodesModel, which has no domain name."""
 
-_PORTS: Final = {"double": "number", "float": "number", "int": "integer", "bool": "flag"}
-"""Function that declares an argument, by the type of its port; a text for other types."""
 _NUMBER_KEY: Final = Key("", flag=False, low=-float(MAX_NUMBER), high=float(MAX_NUMBER))
 """A key that a tree compares and that a model does not declare."""
 _IN_AND_OUT: Final = ("input_port", "output_port", "inout_port", "bidirectional_port")
@@ -113,16 +111,16 @@ def _model(root: Element, name: str) -> Iterator[tuple[str, Action]]:
 
 def _port(port: Element) -> Parameter:
     """A number, a flag or a text; a port without a default has 0, no or an empty text."""
-    sort = _PORTS.get(port.attributes.get("type", "")) if port.tag == "input_port" else None
     default = port.attributes.get("default", "")
-    if sort is None:
-        return parameters.text("", default if parameters.is_text(default) else "")
-    if sort == "flag":
-        return switch("", default=default in ("true", "1"))
     number = float(default) if re.fullmatch(r"-?[0-9]{1,9}(\.[0-9]{1,9})?", default) else 0.0
-    if sort == "integer":
-        return whole("", -MAX_NUMBER, MAX_NUMBER, default=int(number))
-    return real("", -MAX_NUMBER, MAX_NUMBER, default=number)
+    match port.attributes.get("type", "") if port.tag == "input_port" else "":
+        case "double" | "float":
+            return real("", -MAX_NUMBER, MAX_NUMBER, default=number)
+        case "int":
+            return whole("", -MAX_NUMBER, MAX_NUMBER, default=int(number))
+        case "bool":
+            return switch("", default=default in ("true", "1"))
+    return parameters.text("", default if parameters.is_text(default) else "")
 
 
 def _keys_in(model: Element, tree: str, name: str, folder: Path | None) -> dict[str, Key]:
