@@ -209,13 +209,11 @@ def _rate(importer: Importer, element: Element, _: str) -> Node:
 
 
 def _judged(importer: Importer, element: Element, _: str) -> Node:
-    policies: list[Policy] = []
-    for port, default in (("success", "all"), ("failure", "one")):
-        policy = element.attributes.pop(port, default)
-        if policy not in POLICIES and not policy.isdecimal():
-            raise ValueError(f"expected {port} one, all or a number, found {shown(policy)}")
-        given = {port: policy}
-        policies.append(policy if policy in POLICIES else _whole(given, port))
+    given = element.attributes
+    policies: list[Policy] = [
+        given.pop(port, default) if given.get(port, default) in POLICIES else _whole(given, port)
+        for port, default in (("success", "all"), ("failure", "one"))
+    ]
     return Node("parallel", ParallelArgs(*policies), importer.nodes(element))
 
 
