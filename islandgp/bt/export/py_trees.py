@@ -30,6 +30,7 @@ from islandgp.bt.core.node import (
     SetArgs,
     asked_in,
     keys_in,
+    names_in,
     walk,
 )
 from islandgp.bt.core.parameters import bound, referenced
@@ -69,6 +70,9 @@ def to_python(tree: Node, vocabulary: Vocabulary = EMPTY_VOCABULARY) -> str:
     keys = "".join(
         f"    {name}: {meaning}".rstrip(": ") + "\n" for name, meaning in descriptions.items()
     )
+    for name in sorted(names_in(tree)[0]):
+        if uses := vocabulary.action(name).uses:
+            text += f"\n    {name} uses {', '.join(uses)}, which no other action may use at once.\n"
     module = own_nodes("tree_module.txt")
     reserved = {*re.findall(r"\w+", module + nodes), *keyword.kwlist, *dir(builtins)}
     writer = _PythonWriter(vocabulary, reserved)
