@@ -222,7 +222,7 @@ WRONG = {
     ),
     "op": (xml_of("<When condition='lap'><A/></When>"), "lap is a number"),
     "flag": (xml_of("<When condition='foundGarbage &lt; 1'><A/></When>"), "is a flag"),
-    "policy": (xml_of("<JudgedParallel success='two'><A/></JudgedParallel>"), "expected success from 1"),
+    "policy": (xml_of("<JudgedParallel success='two'><A/></JudgedParallel>"), "success from 1 to"),
     "conditions": (
         xml_of("<Sequence>" + "<ScriptCondition code='foundGarbage'/>" * 5000 + "<A/></Sequence>"),
         "at most 100 levels",
