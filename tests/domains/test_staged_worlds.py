@@ -54,7 +54,7 @@ def test_without_changes_there_is_one_domain() -> None:
     [
         ({"episode": {"length": -1}}, "curriculum.stages.0.world.episode.length=-1: input should"),
         (
-            {"episde": {}},
+            {"episde": {"x": 1}},
             "curriculum.stages.0.world.episde: unknown key; did you mean"
             " curriculum.stages.0.world.episode?",
         ),
