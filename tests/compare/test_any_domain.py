@@ -71,9 +71,9 @@ def _arms() -> list[Arm]:
 
 @pytest.fixture(scope="module")
 def report() -> Report:
-    """Two arms in a maze whose class cannot even be imported; figures are not rendered."""
+    """Two arms in a maze whose class cannot even be imported; figures are not drawn."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("matplotlib.figure.Figure.savefig", lambda *_, **__: None)
+        patch.setattr("islandgp.compare.figures.to_svg", lambda *_, **__: "")
         return build(compare_arms(_arms()))
 
 

@@ -56,6 +56,7 @@ def test_the_documented_comparison(home: Path, monkeypatch: pytest.MonkeyPatch) 
     assert "4" in page
 
 
+@pytest.mark.usefixtures("blank")
 def test_without_arms_a_sweep_has_those_of_its_settings(
     home: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

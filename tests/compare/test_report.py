@@ -67,9 +67,9 @@ def _study(*names: str, force: bool = False) -> Comparison:
 
 @pytest.fixture(scope="module")
 def report() -> Report:
-    """A report of two arms, one with a run without a Complete Robot; figures are not rendered."""
+    """A report of two arms, one with a run without a Complete Robot; figures are not drawn."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("matplotlib.figure.Figure.savefig", lambda *_, **__: None)
+        patch.setattr("islandgp.compare.figures.to_svg", lambda *_, **__: "")
         return build(_study("expert", "baseline"))
 
 
