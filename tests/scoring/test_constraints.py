@@ -179,7 +179,7 @@ def test_a_search_remembers_means() -> None:
             evaluated(f"{g}.1", 99.0, pickups=9.0),
         ]
         state = search.tell(state, population, NO_ADVICE)
-    assert [e.counters for e in state.memory.entries] == [{"pickups": 1.5}, {"pickups": 9.0}]
+    assert [e.means["pickups"] for e in state.memory.entries] == [1.5, 9.0]
 
 
 class Worlds:
