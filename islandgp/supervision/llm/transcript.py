@@ -169,11 +169,12 @@ class Transcript:
         self.path, self.fixed = path, fixed
         self._entries: list[Entry] = []
         self._lock = Lock()  # the questions of a generation are asked in several threads
-        self._size = 0  # bytes of complete lines; a killed process may leave an incomplete one
+        self._torn: int | None = None  # bytes of complete lines, if an incomplete one follows
         if path is not None and path.exists():
             content = read_bytes(path)
-            self._size = content.rfind(b"\n") + 1
-            self._entries += read_entries(content[: self._size], path)
+            size = content.rfind(b"\n") + 1
+            self._torn = size if size < len(content) else None
+            self._entries += read_entries(content[:size], path)
 
     def of_kind(self, kind: type[E]) -> list[E]:
         """The entries of a class, in order."""
@@ -260,11 +261,13 @@ class Transcript:
         data = json.dumps(line, ensure_ascii=False, allow_nan=False).encode() + b"\n"
         self.path.parent.mkdir(parents=True, exist_ok=True)
         with self.path.open("ab") as file:
-            file.truncate(self._size)  # without the incomplete line of a kill or a full disk
+            if self._torn is not None:
+                file.truncate(self._torn)
+            self._torn = file.seek(0, os.SEEK_END)  # a failed write may leave an incomplete line
             file.write(data)
             file.flush()
             os.fsync(file.fileno())
-        self._size += len(data)
+        self._torn = None
 
 
 def find_transcript(place: Path) -> Path:
