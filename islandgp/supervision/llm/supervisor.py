@@ -251,8 +251,7 @@ class LLM:
 
     def close(self) -> None:
         """See `SupervisorLifecycle`."""
-        if self._calls is not None:
-            self._calls.close()
+        self._open().close()  # also for a question that begins in another thread
         self.client.close()
 
     def _open(self) -> LiveCalls:
