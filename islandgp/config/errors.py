@@ -80,6 +80,10 @@ def explain(error: Exception, overrides: Sequence[str], source: ConfigSource) ->
     text = str(error).partition("\nConfig search path:")[0]
     if isinstance(error, TypeError) and "is not an int" not in text:
         raise error
+    if isinstance(error, UnicodeDecodeError):  # it does not say in which file
+        return (
+            f"Expected UTF-8 in {_undecodable(source)}, found another encoding; save it as UTF-8."
+        )
     if (match := re.search(UNKNOWN_KEY, text)) and not source.options(match[1]):
         loader = source.loader()
         choices = [o for o in overrides if loader.get_group_options(o.partition("=")[0])]
@@ -92,6 +96,16 @@ def explain(error: Exception, overrides: Sequence[str], source: ConfigSource) ->
         return unknown_option(match[1], match[2], re.findall(r"^\t(\S+)$", match[3], re.MULTILINE))
     cause = f" ({brief(error.__cause__)})" if isinstance(error.__cause__, Exception) else ""
     return f"{' '.join(text.split())}{cause}"
+
+
+def _undecodable(source: ConfigSource) -> str:
+    """The first file of configuration that is not in UTF-8."""
+    for file in (file for folder in source.folders() for file in sorted(folder.rglob("*.yaml"))):
+        try:
+            file.read_text(encoding="utf-8")
+        except UnicodeDecodeError:
+            return str(file)
+    return "the configuration"
 
 
 def unknown_option(group: str, option: str, options: Sequence[str]) -> str:

@@ -76,6 +76,10 @@ class ConfigSource:
         with _alone(), initialize_config_dir(str(first), version_base="1.3"):
             return compose(self.name, [*overrides, *search], return_hydra_config=True)
 
+    def folders(self) -> list[Path]:
+        """All folders of configuration, those of installed distributions last."""
+        return [self.folder, *filter(None, [self.user_folder]), *conf_folders()]
+
     def loader(self) -> ConfigLoader:
         """Hydra's loader, for the options of groups."""
         path = create_config_search_path(str(self.folder))

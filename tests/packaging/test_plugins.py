@@ -139,7 +139,7 @@ def test_a_broken_file_of_a_distribution(python: Path, tmp_path: Path, content: 
         call(python, "-m", "islandgp", "domain=cartpole", "--cfg", "job", cwd=tmp_path)
     finally:
         file.write_bytes(before)
-    assert error.startswith("islandgp: Expected ")
+    assert error.startswith("islandgp: ")
     assert str(file) in error
     assert error.count("\n") == 1
 

@@ -87,10 +87,13 @@ def test_words() -> None:
             {"pickups": {"at_least": 4, "at_most": 3}},
             "constraints.pickups: expected at_least up to at_most=3, found 4",
         ),
-        ({"pickups": {"at_mots": 3}}, "constraints.pickups.at_mots: unknown key; did you mean"),
+        ({"pickups": {"at_mots": 3}}, "constraints.pickups.at_mots: unknown key;"),
         ({"pickups": {"at_most": "few"}}, "constraints.pickups.at_most='few': input should be"),
         ({"pickups": {"at_most": float("nan")}}, "constraints.pickups.at_most=nan: input should"),
-        ({"pickups": {"at_most": True}}, "constraints.pickups.at_most=true: input should be"),
+        (
+            {"pickups": {"at_most": True}},
+            "constraints.pickups.at_most: expected a number, found true",
+        ),
         (
             {"pickups": 3},
             "constraints.pickups=3: input should be a valid dictionary or instance of Bound",
