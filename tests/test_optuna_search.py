@@ -68,6 +68,7 @@ def test_the_documented_command_searches(
     assert sorted(means) == sorted(trial.value for trial in study.trials)
 
 
+@pytest.mark.slow
 def test_an_interrupted_trial_is_continued(
     search: Callable[[int], optuna.Study], monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -113,6 +114,7 @@ def _last(trial: optuna.Trial) -> int:
     return max(frozen.intermediate_values)
 
 
+@pytest.mark.slow
 def test_a_search_with_two_objectives() -> None:
     """The best trials are those of the Pareto front."""
     names = runpy.run_path(str(SCRIPT))

@@ -74,7 +74,7 @@ def tree_trials(file: str, episode: EpisodeOptions, episodes: int) -> Iterator[T
     tree = source.tree(problem.domain.schema.vocabulary, marked=True)
     perturbed = settings.perturb is not None
     evaluator: Any
-    if episodes < 4:  # faster than starting processes
+    if episodes < 12:  # faster than starting processes
         trained = settings.problem(perturbed=perturbed)
         evaluator = Serial(trained, episode_timeout=episode.timeout)
     else:

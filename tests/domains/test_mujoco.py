@@ -42,6 +42,7 @@ def forget_backend(monkeypatch: pytest.MonkeyPatch) -> None:
     rendering.choose_backend.cache_clear()
 
 
+@pytest.mark.slow
 @needs_mujoco
 def test_swimmer_keeps_the_promises_of_a_domain() -> None:
     """The contract's tests, with short episodes."""

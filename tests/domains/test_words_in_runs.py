@@ -89,6 +89,7 @@ def test_a_resumed_run_is_the_straight_one(conf: Path, search: str) -> None:
         assert list(lines(steps(experiment, start))) == list(lines(straight[at + 1 :]))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("supervisor", ["expert", "editor"])
 def test_supervised_runs_end_with_a_robot_that_delivers(conf: Path, supervisor: str) -> None:
     """Injected trees, edits and the replay of the best robot compare words as the run does."""

@@ -176,6 +176,7 @@ def test_a_broken_distribution_is_named_and_others_work(core: Path, tmp_path: Pa
     assert "conf/domain/island.yaml hides" in lines[0]
 
 
+@pytest.mark.slow
 def test_each_plugin_from_its_wheel(python: Path, tmp_path: Path) -> None:
     """Only with its wheel is its command there; the wheel has its package and nothing else."""
     (tmp_path / "tree.bt").write_text(TREE, encoding="utf-8")

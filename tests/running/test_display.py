@@ -64,6 +64,7 @@ def test_a_run_goes_on_when_its_display_takes_no_more(
     assert len(list(tmp_path.rglob("summary.json"))) == 1 + bool(sweep)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(os.name != "posix", reason="needs a shell")
 @sweep(
     "streams",

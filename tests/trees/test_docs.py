@@ -148,6 +148,13 @@ def test_tutorial_runs(islandgp: Cli, tmp_path: Path, monkeypatch: pytest.Monkey
             arguments[at] = "2"
         if arguments[0] in ("play", "trace", "replay", "prune", "explain"):
             arguments += ["--set", "world.episode.length=20"]
+        few = {
+            "prune": ("--episodes", "100"),
+            "explain": ("--worlds", "3"),
+            "play": ("--seeds", "2"),
+        }
+        option = few.get(arguments[0], ())
+        arguments += [] if "--seeds" in arguments else option
         result = _result_of(islandgp, arguments)
         assert result.code == (arguments[0] == "diff"), line
         if arguments == ["check", "interrupted_charge.bt"]:

@@ -64,15 +64,15 @@ def test_a_run_folder_is_its_best_tree(islandgp: Cli, tmp_path: Path) -> None:
 
 
 def test_play_is_the_same_on_processes(islandgp: Cli) -> None:
-    """Four worlds or more go to worker processes; the first three come out as before."""
+    """Twelve worlds or more go to worker processes; the first three come out as before."""
     short_rows = json.loads(islandgp("play", GOOD, "--seeds", 3, "--json", *SHORT).out)
     long_rows = json.loads(
         islandgp(
-            "play", GOOD, "--seeds", 4, "--json", *SHORT, "--set", "evaluator.policy.workers=2"
+            "play", GOOD, "--seeds", 12, "--json", *SHORT, "--set", "evaluator.policy.workers=2"
         ).out
     )
     assert long_rows[:3] == short_rows
-    assert len(long_rows) == 4
+    assert len(long_rows) == 12
 
 
 def test_play_at_another_stage(islandgp: Cli) -> None:

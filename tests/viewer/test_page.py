@@ -288,6 +288,7 @@ WORK = """
 """
 
 
+@pytest.mark.slow
 def test_a_frame_takes_little_work(browser: Browser, tmp_path: Path) -> None:
     """With a tree of 50 nodes: nodes whose status stays are not touched, late frames cost no more.
 

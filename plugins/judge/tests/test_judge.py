@@ -90,6 +90,7 @@ def test_the_free_arms(judged: Callable[..., Result], tmp_path: Path) -> None:
     assert {p.name: p.read_bytes() for p in (tmp_path / "judge").iterdir()} == files
 
 
+@pytest.mark.slow
 def test_a_model_is_asked_and_the_command_goes_on(
     judged: Callable[..., Result], tmp_path: Path
 ) -> None:
