@@ -30,6 +30,7 @@ pytestmark = [
 ]
 
 SLOW = (*TINY, "gp.generations=12", "gp.validation=0", *fake("Slow", seconds=0.2))
+SHORT = (*TINY, "gp.generations=4", "gp.validation=0", *fake("Slow", seconds=0.2))
 
 
 def same_run(one: Path, other: Path, name: str) -> None:
@@ -120,7 +121,7 @@ def test_workers_end_when_their_run_is_killed(tmp_path: Path) -> None:
 
 def test_ctrl_c_stops_a_run_and_the_same_command_finishes_it(tmp_path: Path) -> None:
     """Exit code 130, no process left, run KILLED; then FINISHED, in the same MLflow run."""
-    process = start(tmp_path, *SLOW)
+    process = start(tmp_path, *SHORT)
     wait_until(lambda: any(tmp_path.rglob("checkpoint.json")), process)
     process.send_signal(signal.SIGINT)
     code, output = finish(process)
@@ -129,12 +130,12 @@ def test_ctrl_c_stops_a_run_and_the_same_command_finishes_it(tmp_path: Path) -> 
     assert group_members(process.pid) == []
     (stopped,) = tracked(store(tmp_path))
     assert stopped.status == "KILLED"
-    code, output = finish(start(tmp_path, *SLOW))
+    code, output = finish(start(tmp_path, *SHORT))
     assert code == 0, output
     (finished,) = tracked(store(tmp_path))
     assert (finished.id, finished.status) == (stopped.id, "FINISHED")
     assert finished.points["fitness_max"][0][0] == 0
-    assert [step for step, _ in finished.points["fitness_max"]] == list(range(12))
+    assert [step for step, _ in finished.points["fitness_max"]] == list(range(4))
 
 
 def test_ctrl_c_while_modules_are_imported(tmp_path: Path) -> None:
