@@ -30,7 +30,7 @@ import pytest
 
 PARTS: Final = (
     "bt", "gp", "evolution", "search", "scoring", "records", "domains", "evaluation",
-    "supervision", "config", "study", "tracking",
+    "supervision", "config", "compare", "tracking", "running", "viewer", "commands",
 )  # fmt: skip
 MOST_FILES: Final = 12  # test files a module
 SECONDS: Final = 900.0  # a mutant that hangs where no test's time limit reaches it is killed
