@@ -61,7 +61,7 @@ class Faulty(Store):
 
     def __init__(self, place: TrackingStore, at: int, fault: Fault, error: BaseException) -> None:
         super().__init__(place)
-        self._client: Any = FaultyClient(self._client, at, fault, error=error)
+        self.client: Any = FaultyClient(self.client, at, fault, error=error)
 
 
 Stage = tuple[Path, Status]
