@@ -30,8 +30,9 @@ lint: $(STAMP)   ## ruff and mypy
 	$(BIN)/mypy
 
 UNIT := 'not slow and not process and not packaging'
-# worksteal keeps the tests of a module in one process, which makes their fixtures once.
-PYTEST := $(BIN)/python -m pytest -n auto --dist worksteal
+# worksteal keeps the tests of a module in one process, which makes their fixtures once. One process
+# more than there are cores, as some tests wait.
+PYTEST := $(BIN)/python -m pytest -n $$(( $$(nproc) + 1 )) --dist worksteal
 
 test: lint      ## lint, types and the tests of a change
 	$(PYTEST) -m 'not slow' --durations 10

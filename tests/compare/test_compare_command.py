@@ -68,6 +68,7 @@ def test_without_arms_a_sweep_has_those_of_its_settings(
     assert tests[0].read_text() == tests[1].read_text()
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("blank")
 def test_the_documented_rewards(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Each best robot under the rewards of each arm; points of training are not compared."""

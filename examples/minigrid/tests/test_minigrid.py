@@ -43,6 +43,7 @@ def test_minigrid_keeps_the_promises_of_a_domain() -> None:
     assert check_domain(make, trees=[BY_HAND], random_trees=6).faults == {}
 
 
+@pytest.mark.slow
 def test_the_page_s_commands(tmp_path: Path) -> None:
     """Each command of README.md succeeds; runs are shortened."""
     page = (HERE / "README.md").read_text(encoding="utf-8")
