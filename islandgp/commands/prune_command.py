@@ -19,7 +19,7 @@ from islandgp.commands.options import (
     with_output_option,
 )
 from islandgp.commands.tables import Column, numbers, print_table
-from islandgp.evolution.prune import Keep, PruneResult, prune
+from islandgp.evolution.prune import LEAST_EPISODES, Keep, PruneResult, prune
 from islandgp.evolution.validation import fresh_worlds
 from islandgp.statistics import mean_interval
 
@@ -34,7 +34,7 @@ from islandgp.statistics import mean_interval
 )
 @click.option(
     "--episodes",
-    type=click.IntRange(100, 1_000_000),
+    type=click.IntRange(LEAST_EPISODES, 1_000_000),
     default=3_000,
     help="Maximum number of episodes.",
 )

@@ -129,6 +129,12 @@ def _plan(
     launcher, choices = composed.hydra.launcher, composed.hydra.runtime.choices
     if not isinstance(launcher, DictConfig):
         raise ConfigError(f"hydra.launcher: expected hydra/launcher=NAME, found {launcher}.")
+    for override in overrides:
+        if not sweep and key_of(override).startswith(("hydra/launcher", "hydra.launcher")):
+            raise ConfigError(
+                f"{override}: expected a sweep, found a single run, which starts no other job; add"
+                " -m, or leave it out."
+            )
     with open_dict(composed):
         del composed["hydra"]  # its values are resolved only when Hydra runs
     config = resolved(composed)

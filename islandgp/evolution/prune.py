@@ -15,7 +15,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
-from math import sqrt
+from math import ceil, sqrt
 from statistics import fmean, stdev
 from typing import Final, TypeAlias
 
@@ -47,6 +47,7 @@ FRONT: Final = 8  # most trees of a front that are confirmed
 SEARCH_SHARE: Final = 0.6  # of the episodes that are left; others confirm the front
 CONFIRM_SHARE: Final = 0.25  # of all episodes, to confirm a front
 FORMS_TO_AFFORD: Final = 16  # forms that can be compared in all worlds, at least
+LEAST_EPISODES: Final = ceil(FIRST * FORMS_TO_AFFORD / SEARCH_SHARE)  # for a search
 
 Evaluate: TypeAlias = Callable[[Sequence[Node], Sequence[int]], list[list[Outcome]]]
 """(trees, world seeds) -> the outcomes of each tree in each world."""

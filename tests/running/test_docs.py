@@ -54,6 +54,7 @@ def small(command: list[str]) -> list[str]:
 def test_the_commands_run_unchanged(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """One after the other in one folder, on a small run; those of launchers are tested below."""
     monkeypatch.chdir(home)
+    Path("tree.bt").write_text("selector { PatrolWaypoint SeekCharger }")
     page_commands = commands("")
     assert len(page_commands) >= 8
     for command in page_commands:

@@ -90,6 +90,7 @@ ONE_LINE = [
      "rewards.events.pickup.component: expected one of garbage, battery, humanoid, delivery,"),
     (["rewards=normalized", "+rewards.maxima.fun=3"],
      "rewards.maxima.fun: expected one of garbage, battery, humanoid,"),
+    (["hydra/launcher=local"], "hydra/launcher=local: expected a sweep, found a single run,"),
     (["rewards=normalized", "rewards.maxima.idle=0"],
      "rewards.maxima.idle: expected a number above 0, as others have one"),
     (["curriculum.stages.4.multipliers.garbage=2"],

@@ -149,7 +149,7 @@ def test_tutorial_runs(islandgp: Cli, tmp_path: Path, monkeypatch: pytest.Monkey
         if arguments[0] in ("play", "trace", "replay", "prune", "explain"):
             arguments += ["--set", "world.episode.length=20"]
         few = {
-            "prune": ("--episodes", "100"),
+            "prune": ("--episodes", "110"),
             "explain": ("--worlds", "3"),
             "play": ("--seeds", "2"),
         }

@@ -9,6 +9,7 @@ import pytest
 
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import size
+from islandgp.evolution.prune import LEAST_EPISODES
 from tests.trees.shell import Cli
 
 SHORT = ("--set", "world.episode.length=60", "--set", "evaluator=serial")
@@ -56,7 +57,7 @@ def test_prune_writes_a_file(islandgp: Cli, tree: Path, tmp_path: Path) -> None:
     [
         (("--tolerance", 2), "is not in the range 0<=x<=0.5"),
         (("--tolerance", "nan"), "nan is not in the range"),
-        (("--episodes", 5), "5 is not in the range 100<=x"),
+        (("--episodes", 5), f"5 is not in the range {LEAST_EPISODES}<=x"),
         (("--stage", 9), "--stage: expected 1 to"),
         (("--set", "prune.tolerance=2"), "prune.tolerance"),
         (("--set", "prune.worlds=1"), "prune.worlds"),
@@ -113,3 +114,10 @@ def test_explain_as_text_and_json(islandgp: Cli, tree: Path) -> None:
         "loss": None,
     }  # fmt: skip
     assert rows[1]["loss"]["low"] is None  # one world has no interval
+
+
+def test_the_fewest_episodes_are_enough_for_a_search(islandgp: Cli, tree: Path) -> None:
+    """With fewer, every tree would stay as it is."""
+    result = islandgp("prune", tree, "--episodes", LEAST_EPISODES, *SHORT)
+    assert result.code == 0
+    assert "; 0 episodes" not in result.err
