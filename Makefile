@@ -86,7 +86,7 @@ torture: $(STAMP) ## faults, determinism and long load, into docs/reliability.md
 demo-llm: $(STAMP) ## supervision by a language model, with a mock in its place: no key
 	$(BIN)/python -m tests.llm.demo
 
-study: $(STAMP)  ## baseline against expert, 60 paired seeds, into studies/paper/results; resumable
+study: $(STAMP)  ## baseline against expert, 30 paired seeds, into studies/paper/results; resumable
 	sh studies/paper/run.sh $(BIN)
 
 ablations: $(STAMP) ## what of the expert helps: its rate, its trees, their choice; takes the study's runs

@@ -3,10 +3,10 @@
 set -e
 BIN=$1
 CONF='--config-dir studies/conf'
-SEEDS='seed=range(7000,7030)'
+SEEDS='seed=range(7500,7530)'
 RUN="$BIN/python -m islandgp $CONF $SEEDS progress=plain -m"
 LIBRARY='library.folder=grammar/examples gp.founders=false' # arms differ in their library as a whole
-$RUN experiment=ablation_another_record supervisor.policy.first=7000 supervisor.policy.seeds=30 \
+$RUN experiment=ablation_another_record supervisor.policy.first=7500 supervisor.policy.seeds=30 \
   'supervisor.policy.record="runs/study/expert-seed{seed}"'
 for part in rate_only injection_only random_injection combined founders; do
   $RUN experiment=ablation_$part

@@ -4,14 +4,14 @@
 set -e
 BIN=$1
 CONF="--config-dir studies/conf"
-RUN="$BIN/python -m islandgp $CONF experiment=study name=study7 progress=plain world.robot.drain_moving=0.2 -m"
-OTHERS='seed=range(8000,8015)'
-$RUN 'seed=range(8000,8030)' supervisor=editor,editor_random_branch library=single
+RUN="$BIN/python -m islandgp $CONF experiment=study name=study7 progress=plain -m"
+OTHERS='seed=range(8500,8515)'
+$RUN 'seed=range(8500,8530)' supervisor=editor,editor_random_branch library=single
 $RUN "$OTHERS" supervisor=expert library=single
 $RUN "$OTHERS" supervisor=baseline
 $RUN "$OTHERS" supervisor=editor_random_tree,editor_constant library=single
-$RUN "$OTHERS" supervisor=editor_yoked library=single supervisor.policy.first=8000 supervisor.policy.seeds=15 \
-  'supervisor.policy.record="runs/study7/editor-seed{seed}-library=single-world.robot.drain_moving=0.2"'
+$RUN "$OTHERS" supervisor=editor_yoked library=single supervisor.policy.first=8500 supervisor.policy.seeds=15 \
+  'supervisor.policy.record="runs/study7/editor-seed{seed}-library=single"'
 $RUN "$OTHERS" supervisor=expert library=combined
 $RUN "$OTHERS" supervisor=baseline gp.founders=true library=single
 $RUN "$OTHERS" supervisor=fixed
