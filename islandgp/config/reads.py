@@ -45,6 +45,8 @@ def keys_read(settings: Settings) -> frozenset[str]:
             keys |= {"supervisor.lag", *gives[part]}
     if settings.allocation is not None:
         keys |= {f"allocation.{slot}" for slot in type(settings.allocation).model_fields}
+    if not (on["tree"] and "tree" in parts):
+        keys.discard("allocation.injected")
     if settings.search.factory.uses:
         keys |= {"supervisor.name", "supervisor.factory"}
     if "rate" in settings.search.factory.uses:
@@ -102,7 +104,7 @@ def _unread(settings: Settings, dead: Sequence[str], source: ConfigSource) -> st
     if "gp.generations" in dead:
         return f"budget.episodes={settings.budget.episodes} sets gp.generations; leave one out."
     choice = f"search={settings.search.name}"
-    if dead[0].startswith(("library", "supervisor")):
+    if dead[0].startswith(("library", "supervisor", "allocation")):
         choice += f" with supervisor={settings.supervisor.name}"
     other = next(_choices(settings, dead, source), "")
     remedy = f"{other} does; choose it, or leave the key out." if other else "leave it out."

@@ -179,6 +179,11 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
         model = getattr(getattr(info.data.get("search"), "factory", None), "Allocation", None)
         if model is None or not isinstance(value, Mapping):
             return None
+        if value and any(f.is_required() and k not in value for k, f in model.model_fields.items()):
+            raise ValueError(
+                f"expected the slots of the search ({', '.join(model.model_fields)}), found those"
+                " of another one; leave out allocation, which follows the search"
+            )
         return model.model_validate({k: v for k, v in value.items() if k in model.model_fields})
 
     def make_domain(self) -> Domain:
@@ -261,13 +266,15 @@ def _within_budget(settings: Settings) -> Settings:
 def _conflicts(settings: Settings) -> Iterator[str]:
     """A line for each value that conflicts with another setting."""
     gp, supervisor = settings.gp, settings.supervisor
+    injected = getattr(settings.allocation, "injected", 1)
     read = settings.search.reads()
     for key, value, most, bound in (
         ("gp.tournament_size", gp.tournament_size, gp.population, "gp.population"),
         ("supervisor.lag", supervisor.lag, gp.generations - 1, "gp.generations - 1"),
         ("supervisor.edits", supervisor.edits, gp.population - 3, "gp.population - 3"),
+        ("allocation.injected", injected, gp.population - 3, "gp.population - 3"),
     ):
-        if value > most and (key.startswith("supervisor.") or is_read(key, read)):
+        if value > most and (not key.startswith("gp.") or is_read(key, read)):
             yield f"{key}: expected at most {bound} = {most}, found {value}"
     for tag in settings.tags:
         if tag in OWN_TAGS or tag.startswith(MACHINES_TAGS):

@@ -154,6 +154,28 @@ Proposal = tuple[Node, Origin, tuple[str, ...], str]
 """A new tree with its origin, the ids of its parents, and its mutations, as of `new_child`."""
 
 
+class NewSlots(BaseModel, frozen=True, extra="forbid"):
+    """Slots of a generation besides those of trees evaluated again; children fill the rest."""
+
+    random: float = Field(default=0, ge=0, lt=1)  # share of new random trees
+    injected: int = Field(default=1, ge=1)  # of the supervisor's tree: itself, then mutants of it
+
+
+class Slots(NewSlots, frozen=True, extra="forbid"):
+    """The slots of a generation."""
+
+    reevaluated: float = Field(ge=0, lt=1)  # share of trees that are evaluated again
+
+    @model_validator(mode="after")
+    def _children(self) -> Slots:
+        if self.reevaluated + self.random >= 1:
+            raise ValueError(
+                "expected reevaluated + random below 1, so that there are children, found"
+                f" {self.reevaluated:g} + {self.random:g}; lower one of them"
+            )
+        return self
+
+
 def nothing_proposed(_rng: np.random.Generator) -> Proposal | None:
     """None, for searches whose new trees are all children or random trees."""
     return None
@@ -180,8 +202,9 @@ def new_generation(
 ) -> Iterator[Individual]:
     """Yields the individuals of a generation, `gp.population` of them, in slot order.
 
-    The order: initial trees, trees evaluated again, the supervisor's tree, edited trees, new trees.
-    Trees evaluated again leave at least two slots to the others.
+    The order: initial trees, trees evaluated again, the supervisor's tree, edited trees, new trees:
+    mutants of the supervisor's tree, random trees, children. Trees evaluated again leave at least
+    two slots to the others.
 
     Args:
         plan: with the number of individuals and the space of trees.
@@ -205,9 +228,28 @@ def new_generation(
     individuals += edited_individuals(advice.edited, g, len(individuals))
     yield from individuals
     known_digests = {*contents.known_digests, *(digest(i.tree) for i in individuals)}
-    for slot in range(len(individuals), n):
+    slots = plan.allocation if isinstance(plan.allocation, NewSlots) else NewSlots()
+    new = [contents] * (n - len(individuals))
+    new[:0] = [GenerationPlan()] * round(slots.random * n)
+    if advice.tree is not None:
+        mutants = GenerationPlan(propose=_mutants(advice.tree, plan.space, settings))
+        new[:0] = [mutants] * (slots.injected - 1)
+    for slot, each in zip(range(len(individuals), n), new, strict=False):
         rng = streams(Stream.SEARCH, generation=g, slot=slot)
-        yield _new_individual(rng, f"{g}.{slot}", contents, plan.space, settings, known_digests)
+        yield _new_individual(rng, f"{g}.{slot}", each, plan.space, settings, known_digests)
+
+
+def _mutants(
+    tree: Node, space: TreeSpace, settings: RandomTrees
+) -> Callable[[np.random.Generator], Proposal]:
+    """A function that makes mutants of the supervisor's tree."""
+    assert isinstance(settings, Breeding)
+
+    def propose(rng: np.random.Generator) -> Proposal:
+        mutant, _, _, change = new_child(rng, Parent("", tree), (), space, settings)
+        return mutant, Origin.INJECTED, (), change
+
+    return propose
 
 
 def _new_individual(

@@ -17,6 +17,7 @@ from islandgp.search.breeding import (
     BreedingSearch,
     BreedingSettings,
     GenerationPlan,
+    NewSlots,
     Parent,
     parent_of,
 )
@@ -26,6 +27,7 @@ class Hill(BreedingSearch[BreedingSettings]):
     """The (1 + lambda) evolution strategy; see the module."""
 
     Settings = BreedingSettings
+    Allocation = NewSlots
     Memory: ClassVar[Any] = Parent  # of the next generation
 
     def plan_next(self, state: SearchState) -> GenerationPlan:

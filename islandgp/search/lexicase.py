@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, Self
 
 import numpy as np
-from pydantic import BaseModel, Field
 
 from islandgp.errors import ConfigError
 from islandgp.gp.population import Evaluated
@@ -25,6 +24,7 @@ from islandgp.search.breeding import (
     GenerationPlan,
     Parent,
     Pick,
+    Slots,
     parent_of,
 )
 
@@ -52,17 +52,11 @@ class Contenders:
     all: tuple[Contender, ...]
 
 
-class LexicaseSlots(BaseModel, frozen=True, extra="forbid"):
-    """The slots of a generation."""
-
-    elites: int = Field(ge=0)  # fittest individuals, evaluated again in the next generation
-
-
 class Lexicase(BreedingSearch[LexicaseSettings]):
     """Epsilon-lexicase selection; see the module."""
 
     Settings = LexicaseSettings
-    Allocation = LexicaseSlots
+    Allocation = Slots
     Memory: ClassVar[Any] = Contenders
 
     @classmethod
@@ -81,9 +75,8 @@ class Lexicase(BreedingSearch[LexicaseSettings]):
         best = sorted(everyone, key=lambda c: merit(c.fitness, c.violation), reverse=True)
         draw = lexicase_draw(everyone)
         pick: Pick = lambda rng: (draw(rng), [draw(rng)])  # noqa: E731 -- typed by its name
-        return GenerationPlan(
-            pick, reevaluated=[c.parent for c in best[: self.plan.allocation.elites]]
-        )
+        again = round(self.plan.allocation.reevaluated * self.plan.gp.population)
+        return GenerationPlan(pick, reevaluated=[c.parent for c in best[:again]])
 
     def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Contenders:  # noqa: ARG002 -- the last generation alone counts
         """See `BreedingSearch`."""

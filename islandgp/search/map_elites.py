@@ -15,7 +15,7 @@ from dataclasses import dataclass
 from itertools import compress
 from typing import Any, ClassVar, Final
 
-from pydantic import BaseModel, Field
+from pydantic import Field
 
 from islandgp.domain import Schema
 from islandgp.gp.evidence import Evidence, with_evaluation
@@ -28,6 +28,7 @@ from islandgp.search.breeding import (
     BreedingSettings,
     GenerationPlan,
     Parent,
+    Slots,
     digest,
 )
 from islandgp.search.descriptor import Descriptor, cell, dimensions, faults, point
@@ -57,17 +58,11 @@ class Grid:
     occupants: tuple[Evidence, ...]
 
 
-class MapElitesSlots(BaseModel, frozen=True, extra="forbid"):
-    """The slots of a generation."""
-
-    reevaluated: float = Field(ge=0, lt=1)  # share in which elites are evaluated again
-
-
 class MapElites(BreedingSearch[MapElitesSettings]):
     """Keeps the best trees of each cell; see the module."""
 
     Settings = MapElitesSettings
-    Allocation = MapElitesSlots
+    Allocation = Slots
     Memory: ClassVar[Any] = Grid
 
     def __init__(self, settings: MapElitesSettings, plan: Plan) -> None:

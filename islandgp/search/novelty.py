@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import BaseModel, Field
+from pydantic import Field
 
 from islandgp.domain import Schema
 from islandgp.gp.plan import Plan
@@ -24,6 +24,7 @@ from islandgp.search.breeding import (
     BreedingSettings,
     GenerationPlan,
     Parent,
+    Slots,
     parent_of,
     pick_by_rank,
 )
@@ -56,17 +57,11 @@ class Explored:
     archive: Places  # descriptors that were novel, oldest first
 
 
-class NoveltySlots(BaseModel, frozen=True, extra="forbid"):
-    """The slots of a generation."""
-
-    fittest: int = Field(ge=0)  # individuals evaluated again in the next generation
-
-
 class Novelty(BreedingSearch[NoveltySettings]):
     """Novelty search; see the module."""
 
     Settings = NoveltySettings
-    Allocation = NoveltySlots
+    Allocation = Slots
     Memory: ClassVar[Any] = Explored
 
     def __init__(self, settings: NoveltySettings, plan: Plan) -> None:
@@ -88,10 +83,11 @@ class Novelty(BreedingSearch[NoveltySettings]):
         order = sorted(range(len(places)), key=lambda k: -new[k])
         able = sorted(order, key=lambda k: evaluated[k].violation)
         fittest = sorted(evaluated, key=lambda e: e.merit, reverse=True)
+        again = round(self.plan.allocation.reevaluated * len(evaluated))
         grown = (*archive, *(places[k] for k in order[: self.settings.added]))
         return Explored(
             parents=tuple(parent_of(evaluated[k]) for k in able),
-            fittest=tuple(parent_of(e) for e in fittest[: self.plan.allocation.fittest]),
+            fittest=tuple(parent_of(e) for e in fittest[:again]),
             archive=grown[max(0, len(grown) - self.settings.archive) :],
         )
 

@@ -14,7 +14,7 @@ from math import inf
 from typing import Any, ClassVar
 
 import numpy as np
-from pydantic import BaseModel, Field
+from pydantic import Field
 
 from islandgp.bt.core.node import size
 from islandgp.domain import Schema
@@ -27,6 +27,7 @@ from islandgp.search.breeding import (
     BreedingSettings,
     GenerationPlan,
     Parent,
+    Slots,
     parent_of,
     pick_by_rank,
 )
@@ -115,10 +116,10 @@ class Survivors:
     parents: tuple[Parent, ...]
 
 
-class SurvivorSlots(BaseModel, frozen=True, extra="forbid"):
-    """The slots of a generation."""
+class SurvivorSlots(Slots, frozen=True, extra="forbid"):
+    """The slots of a generation; the trees that are evaluated again are the parents."""
 
-    survivors: float = Field(gt=0, lt=1)  # share, evaluated again with its children
+    reevaluated: float = Field(gt=0, lt=1)  # share of survivors, at least two
 
 
 class NSGA2(BreedingSearch[ObjectiveSettings]):
@@ -142,7 +143,7 @@ class NSGA2(BreedingSearch[ObjectiveSettings]):
         """See `BreedingSearch`."""
         points = np.array([[_value(e, name) for name in self.objectives] for e in evaluated])
         violations = [e.violation for e in evaluated]
-        survivors = max(2, round(self.plan.allocation.survivors * len(evaluated)))
+        survivors = max(2, round(self.plan.allocation.reevaluated * len(evaluated)))
         return Survivors(
             tuple(parent_of(evaluated[k]) for k in crowded_order(points, violations)[:survivors])
         )

@@ -25,7 +25,7 @@ from math import sqrt
 from typing import Any, ClassVar, Final, Self
 
 import numpy as np
-from pydantic import BaseModel, Field, FiniteFloat
+from pydantic import Field, FiniteFloat
 
 from islandgp.bt.core.node import Node, size
 from islandgp.errors import ConfigError
@@ -42,6 +42,7 @@ from islandgp.search.breeding import (
     GenerationPlan,
     Parent,
     Pick,
+    Slots,
     digest,
 )
 from islandgp.search.compose import priority_lists
@@ -102,17 +103,11 @@ class RacingMemory:
     contenders: tuple[Contender, ...] = ()  # the last generation; () without specialists
 
 
-class RacingSlots(BaseModel, frozen=True, extra="forbid"):
-    """The slots of a generation."""
-
-    reevaluated: float = Field(gt=0, lt=1)  # share in which survivors are evaluated again
-
-
 class Racing(BreedingSearch[RacingSettings]):
     """Keeps the trees with the highest lower bounds; see the module."""
 
     Settings = RacingSettings
-    Allocation = RacingSlots
+    Allocation = Slots
     Memory: ClassVar[Any] = RacingMemory
 
     @classmethod
@@ -152,7 +147,7 @@ class Racing(BreedingSearch[RacingSettings]):
         """See `BreedingSearch`. Survivors with the highest upper bounds are evaluated again."""
         memory: RacingMemory = state.memory
         promising = self._ranked(memory.entries, 1.0)
-        slots = max(1, round(self.plan.allocation.reevaluated * self.plan.gp.population))
+        slots = round(self.plan.allocation.reevaluated * self.plan.gp.population)
         young = state.generation - memory.began < self.settings.random_generations
         pick = None if young else self._pick(memory)
         rerun = [Parent(entry.id, entry.tree) for entry in promising[:slots]]

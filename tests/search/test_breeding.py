@@ -2,16 +2,19 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Iterator
 
 import numpy as np
+import pytest
 
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import Node
-from islandgp.gp.population import Origin
+from islandgp.gp.population import Advice, Origin
 from islandgp.search.breeding import Breeding, Parent, new_child
 from islandgp.search.racing import RacingSettings
 from tests.composed import composed, composed_plan
+from tests.search.searches import generations, search_and_plan
 
 MOTHER = parse("selector { when batteryLevel < 20 { SeekCharger } PatrolWaypoint }")
 FATHER = parse(
@@ -54,3 +57,17 @@ def test_without_crossover_every_child_is_a_mutated_copy() -> None:
     offspring = list(children(Parent("3.2", FATHER), crossover_rate=0.0))
     assert {(origin, parents) for _, origin, parents, _ in offspring} == {(Origin.COPY, ("3.1",))}
     assert all(mutation or tree == MOTHER for tree, _, _, mutation in offspring)
+
+
+@pytest.mark.parametrize("name", ["racing", "hill", "lexicase", "map_elites", "novelty", "nsga2"])
+def test_slots(name: str) -> None:
+    """Of 12: the supervisor's tree with two mutants, and a quarter of random trees."""
+    words = ["supervisor=expert", "allocation.injected=3", "allocation.random=0.25"]
+    search, plan = search_and_plan(name, *words)
+    populations, _ = generations(search, plan, 5, advice=Advice(rate=0.0, tree=MOTHER))
+    slots = [e.individual for e in populations[4]]
+    assert Counter(i.origin for i in slots)[Origin.RANDOM] == 3
+    mine = [i for i in slots if i.origin == Origin.INJECTED]
+    assert [i.parents for i in mine] == [(), (), ()]
+    assert mine[0].tree == MOTHER
+    assert [bool(i.mutation) for i in mine] == [False, True, True]

@@ -106,7 +106,7 @@ def test_one_episode_is_no_choice_of_cases() -> None:
 
 def test_the_fittest_are_evaluated_again() -> None:
     """In the next generation's worlds, the best first."""
-    search, _ = search_and_plan("lexicase", "allocation.elites=3")
+    search, _ = search_and_plan("lexicase", "allocation.reevaluated=0.25")
     population = [evaluated(f"0.{k}", float(k % 5)) for k in range(12)]
     state = search.tell(search.start(), population, NO_ADVICE)
     new = tuple(search.ask(state, Streams(1)))

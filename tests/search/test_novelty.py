@@ -41,7 +41,9 @@ def test_as_defined(
 
 def test_the_novel_are_parents_and_the_fittest_stay() -> None:
     """Nine that do nothing for much, and one that does something for nothing."""
-    search, _ = search_and_plan("novelty", "allocation.fittest=1", "search.policy.tournament=8")
+    search, _ = search_and_plan(
+        "novelty", "allocation.reevaluated=0.1", "search.policy.tournament=8"
+    )
     population = [
         *(evaluated(f"0.{k}", float(k)) for k in range(9)),
         evaluated("0.9", -500.0, tree="SeekCharger", charges=1),

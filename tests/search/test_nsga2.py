@@ -96,7 +96,7 @@ def test_objectives() -> None:
     search, _ = search_and_plan(
         "nsga2",
         "search.policy.objectives=[-nodes,pickups,-distance]",
-        "allocation.survivors=0.4",
+        "allocation.reevaluated=0.4",
     )
     population = [
         evaluated("0.0", 9.0, tree="sequence { PatrolWaypoint }", pickups=1, distance=5),

@@ -112,6 +112,13 @@ ONE_LINE = [
      " attributes uses, a frozenset of some of 'edits', 'rate', 'tree', and Memory,"),
     (["search=map_elites", "search.policy.bins=0"],
      "search.policy.bins=0: input should be greater than or equal to 1"),
+    (["allocation.reevaluated=0.5", "allocation.random=0.5"],
+     "allocation: expected reevaluated + random below 1, so that there are children, found"
+     " 0.5 + 0.5; lower one of them"),
+    (["allocation.injected=28"],
+     "allocation.injected: expected at most gp.population - 3 = 27, found 28"),
+    (["allocation=paper"], "allocation: expected the slots of the search (random, injected,"
+     " reevaluated), found those of another one; leave out allocation, which follows the search"),
     (["search=map_elites", "allocation.reevaluated=1"],
      "allocation.reevaluated=1: input should be less than 1"),
     (["search=map_elites", "search.policy.descriptor=[pickups,flights]"],

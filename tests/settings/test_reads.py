@@ -45,6 +45,9 @@ OTHER: dict[str, Any] = {
     "allocation.resurrected": 0,
     "allocation.niche_share": 0.1,
     "allocation.per": 60,
+    "allocation.reevaluated": 0.4,
+    "allocation.random": 0.4,
+    "allocation.injected": 3,
     "curriculum.generations_per_epoch": 3,
     "curriculum.stages.0.multipliers.garbage": 9.0,
     "library.trees.pickup": ["single_humanoid"],
@@ -65,11 +68,12 @@ VARIATION = {
     *("gp.trees.leaf", "gp.mutation.number_sd", "gp.mutation.operators.swap"),
     *("gp.crisis.emergency_rate", "allocation.elites", "curriculum.generations_per_epoch"),
 }
+RACING = {"gp.trees.leaf", "allocation.reevaluated", "allocation.random", "supervisor.lag"}
 SEEN = {
     ("paper", "baseline"): VARIATION,
     ("paper", "expert"): VARIATION | {"supervisor.inject", "supervisor.lag"},
-    ("racing", "expert"): {"gp.trees.leaf", "supervisor.inject", "supervisor.lag"},
-    ("racing", "editor"): {"gp.trees.leaf", "supervisor.lag", "supervisor.policy.sources"},
+    ("racing", "expert"): RACING | {"allocation.injected", "supervisor.inject"},
+    ("racing", "editor"): RACING | {"supervisor.policy.sources"},
     ("random", "expert"): {"gp.trees.leaf"},
 }
 """Declared keys whose other value changes these small runs."""
@@ -142,6 +146,10 @@ def test_a_key_that_is_not_read_changes_no_individual(search: str, supervisor: s
         ),
         (["search=racing,paper", "gp.crossover_rate=0.1,0.2", "-m"], "search=racing does not read"),
         (["search=random", "supervisor=baseline,expert", "-m"], "search=random with supervisor="),
+        (
+            ["supervisor=baseline,editor", "allocation.injected=1,2", "-m"],
+            "search=racing with supervisor=baseline does not read allocation.injected; supervisor=",
+        ),
         (["budget.episodes=900", "gp.generations=3"], "budget.episodes=900 sets gp.generations"),
         (["supervisor=baseline", "search.policy.library=0", "library=single"], "not read library"),
     ],
