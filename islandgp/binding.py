@@ -193,6 +193,11 @@ class RobotTree:
         finally:
             self._ticking.release()
 
+    @property
+    def board(self) -> dict[str, float]:
+        """The value of each key in the last tick; of a word its index."""
+        return dict(zip(self._places, self._board, strict=True))
+
     def stop(self) -> None:
         """Stops all running actions; the next tick starts the tree again.
 

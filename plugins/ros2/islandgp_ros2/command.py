@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
+from contextlib import nullcontext
 from importlib.util import find_spec
 from math import isnan
 from pathlib import Path
@@ -37,7 +38,20 @@ _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
 @click.option(
     "--once", is_flag=True, help="Stop when the tree succeeds or fails; exit code 0 or 1."
 )
-def command(tree: Path, map_file: Path, rate: float, vocabulary: Path | None, once: bool) -> None:
+@click.option(
+    "--view",
+    metavar="PORT",
+    type=click.IntRange(1, 65_535),
+    help="Show the tree at http://127.0.0.1:PORT, with its last minute.",
+)
+def command(
+    tree: Path,
+    map_file: Path,
+    rate: float,
+    vocabulary: Path | None,
+    once: bool,
+    view: int | None,
+) -> None:
     """Tick the tree in the file TREE as a node of ROS 2.
 
     Ctrl-C cancels all goals. Exit code 4: a cancelled goal may still run.
@@ -56,6 +70,7 @@ def command(tree: Path, map_file: Path, rate: float, vocabulary: Path | None, on
         )
     from islandgp.binding import NodeStatus
     from islandgp_ros2.node import TreeNode, ros_node, run
+    from islandgp_ros2.view import viewed
 
     signals: list[int] = []  # no exception, which could interrupt rclpy
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -63,7 +78,8 @@ def command(tree: Path, map_file: Path, rate: float, vocabulary: Path | None, on
     with ros_node(robot_map.node) as (node, spin):
         tree_node = TreeNode(node, tree, robot_map, vocabulary, step_s=1 / rate)
         try:
-            status = run(spin, tree_node, rate, lambda: bool(signals), once=once)
+            with viewed(tree_node.minute, view) if view else nullcontext():
+                status = run(spin, tree_node, rate, lambda: bool(signals), once=once)
         except IslandError as error:
             if not tree_node.may_run:
                 raise

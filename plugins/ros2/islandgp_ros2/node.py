@@ -20,6 +20,7 @@ from islandgp_ros2.keys import ros_keys
 from islandgp_ros2.leaves import RosLeaves
 from islandgp_ros2.requests import Call, Goal
 from islandgp_ros2.robot_map import RobotMap
+from islandgp_ros2.view import LastMinute
 
 LOOK_S: Final = 0.5  # between two checks of files and topics
 STOP_S: Final = 0.02  # most s between two checks whether to stop and which goals can be sent
@@ -72,6 +73,7 @@ class TreeNode:
         self.robot_tree = self._load()
         self._publisher = node.create_publisher(String, "~/status", 10)
         self._missing: tuple[str, ...] = ()
+        self.minute = LastMinute(self.robot_tree, step_s or 1.0)
         self.may_run: list[Goal | Call] = []
         """Goals and calls whose end was not confirmed when the node stopped."""
 
@@ -162,6 +164,7 @@ class TreeNode:
         self._log.info(f"{self._file} loaded again")
 
     def _publish(self, tree: Tree, status: NodeStatus | None) -> None:
+        self.minute.add(self.robot_tree, is_ticked=status is not None)
         nodes = [
             {"node": head(node), "status": None if end is None else end.name}
             for node, end in zip(walk(tree.node), self.robot_tree.statuses, strict=True)
