@@ -1,4 +1,4 @@
-"""The `islandgp` command: each subcommand is one file of `islandgp.commands`."""
+"""The `islandgp` command: the subcommands are in `islandgp.commands`, by what they work on."""
 
 from __future__ import annotations
 
@@ -45,8 +45,19 @@ COMMANDS: Final = {
     "examples": ("list the example trees, or print one", "all_rounder"),
     "ui": ("start the MLflow UI and print the address of the right page", "--open"),
 }
-"""A line and the arguments of an example for each command; the code of `a-b` is
-`islandgp.commands.a_b_command:command`."""
+"""A line and the arguments of an example for each command."""
+
+MODULES: Final = {
+    "comparisons": "best compare",
+    "check": "check",
+    "trees": "fmt show simplify diff export import grammar examples",
+    "episodes": "play explain prune trace replay",
+    "domain": "domain",
+    "runs": "run estimate watch verify delete transcript",
+    "stores": "sync ui",
+    "new": "new",
+}
+"""The commands of each module of `islandgp.commands`; the function of `a` is `a_command`."""
 
 
 def of_distributions() -> dict[str, str]:
@@ -100,8 +111,9 @@ class Lazy(click.Group):
         """Import a subcommand."""
         if name not in COMMANDS:
             return _added_command(name)
-        module = import_module(f"islandgp.commands.{name.replace('-', '_')}_command")
-        command: click.Command = module.command
+        home = next(module for module, names in MODULES.items() if name in names.split())
+        module = import_module(f"islandgp.commands.{home}")
+        command: click.Command = getattr(module, f"{name}_command")
         command.epilog = f"\b\nExample:\n  islandgp {name} {COMMANDS[name][1]}"
         return command
 

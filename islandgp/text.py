@@ -28,3 +28,8 @@ def in_interval(mean: float, low: float | None, high: float | None) -> str:
 def title(name: str) -> str:
     """A name for display: "Full Service" for `full_service`."""
     return name.replace("_", " ").title()
+
+
+def in_its_domain(domain: str, tree: str) -> str:
+    """The text of a file: a tree's text after the line with its domain; "" is no domain."""
+    return f"domain {domain}\n\n{tree}" if domain else tree

@@ -12,7 +12,7 @@ import pytest
 import yaml
 from click.testing import CliRunner
 
-from islandgp.commands.new_command import command
+from islandgp.commands.new import new_command as command
 from tests.running.commands import in_process
 
 ROOT = Path(__file__).parents[1]

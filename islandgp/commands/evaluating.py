@@ -5,20 +5,21 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from islandgp.bt.core.node import Node
 from islandgp.commands.files import TreeText, read_tree_text
 from islandgp.commands.options import EpisodeOptions
-from islandgp.commands.setting import settings_of, stage_index
+from islandgp.commands.setting import settings_of
 from islandgp.domain import Outcome
-from islandgp.errors import EvaluationError
+from islandgp.errors import ConfigError, EvaluationError
 
 if TYPE_CHECKING:
     from rich.progress import Progress
 
     from islandgp.config.settings import Settings
     from islandgp.evaluation.base import Evaluator, Problem
+    from islandgp.viewer.recording import Recording
 
 CHUNK = 16  # worlds between two steps of the progress bar
 
@@ -52,6 +53,35 @@ class TreeTrials:
         return by_tree
 
 
+def _prepared(file: str, episode: EpisodeOptions) -> tuple[TreeText, Node, Settings, Problem, int]:
+    """The text of a file, its marked tree, the settings of its domain, its problem and the stage.
+
+    Raises:
+        ConfigError, DomainError: the configuration is invalid, or the tree is for another domain.
+        TreeError: the file is not a tree of the domain.
+    """
+    source = read_tree_text(file)
+    settings = settings_of(source, episode.options)
+    problem = settings.problem()
+    stages = len(settings.curriculum.stages)
+    if episode.stage is not None and episode.stage > stages:
+        raise ConfigError(f"--stage: expected 1 to {stages}, found {episode.stage}")
+    tree = source.tree(problem.domain.schema.vocabulary, marked=True)
+    return source, tree, settings, problem, (episode.stage or stages) - 1
+
+
+def recorded(file: str, seed: int, episode: EpisodeOptions) -> Recording:
+    """The recording of an episode of the tree in a file, in the world of `seed`.
+
+    Raises:
+        IslandError: as `tree_trials` and `viewer.recording.record`.
+    """
+    from islandgp.viewer.recording import record
+
+    _, tree, _, problem, stage = _prepared(file, episode)
+    return record(tree, problem, seed=seed, stage=stage, limit=episode.timeout)
+
+
 @contextmanager
 def tree_trials(file: str, episode: EpisodeOptions, episodes: int) -> Iterator[TreeTrials]:
     """The tree in a file, ready for about so many episodes, with a progress bar on a terminal.
@@ -68,24 +98,18 @@ def tree_trials(file: str, episode: EpisodeOptions, episodes: int) -> Iterator[T
     from islandgp.evaluation.serial import Serial
     from islandgp.running.parts import make_evaluator
 
-    source = read_tree_text(file)
-    settings = settings_of(source, episode.options)
-    problem, stage = settings.problem(), stage_index(settings, episode.stage)
-    tree = source.tree(problem.domain.schema.vocabulary, marked=True)
-    perturbed = settings.perturb is not None
-    evaluator: Any
+    source, tree, settings, problem, stage = _prepared(file, episode)
+    perturbed, evaluator = settings.perturb is not None, settings.evaluator
+    made: Evaluator
     if episodes < 12:  # faster than starting processes
-        trained = settings.problem(perturbed=perturbed)
-        evaluator = Serial(trained, episode_timeout=episode.timeout)
+        made = Serial(settings.problem(perturbed=perturbed), episode_timeout=episode.timeout)
     else:
-        policy = {**settings.evaluator.policy, "episode_timeout": episode.timeout}
-        part = settings.evaluator.model_copy(update={"policy": policy})
-        evaluator = make_evaluator(
-            settings.model_copy(update={"evaluator": part}), perturbed=perturbed
-        )
+        policy = {**evaluator.policy, "episode_timeout": episode.timeout}
+        changed = {"evaluator": evaluator.model_copy(update={"policy": policy})}
+        made = make_evaluator(settings.model_copy(update=changed), perturbed=perturbed)
     console = Console(stderr=True)
     columns = (BarColumn(20), MofNCompleteColumn(), TextColumn("episodes"))
     bar = Progress(*columns, console=console, disable=not console.is_terminal, transient=True)
-    with closing(evaluator), bar:
+    with closing(made), bar:
         bar.add_task("", total=episodes)
-        yield TreeTrials(source, tree, settings, problem, stage, evaluator, bar)
+        yield TreeTrials(source, tree, settings, problem, stage, made, bar)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Final
 from islandgp.bt.core.language import domain_of, domain_place
 from islandgp.bt.core.source import Source, plain, shown
 from islandgp.commands.files import TreeText, read_text, read_tree_text
-from islandgp.commands.options import DomainOptions, EpisodeOptions
+from islandgp.commands.options import DomainOptions
 from islandgp.domain_files import domain_class, domain_files
 from islandgp.errors import ConfigError, IslandError, OtherDomainError
 from islandgp.resources import resource
@@ -20,8 +20,6 @@ if TYPE_CHECKING:
     from islandgp.bt.core.node import Node
     from islandgp.bt.core.vocabulary import Vocabulary
     from islandgp.config.settings import Settings
-    from islandgp.evaluation.base import Problem
-    from islandgp.viewer.recording import Recording
 
 _QUICK: Final = {"tracking": "off", "supervisor": "baseline"}
 """Components that no episode needs, replaced by those that are fast to load."""
@@ -39,42 +37,12 @@ def configured(overrides: Sequence[str], config_dir: str | None = None) -> Setti
     return only_job([*quick, *overrides], config_dir).settings
 
 
-def stage_index(settings: Settings, stage: int | None) -> int:
-    """The index of a stage number, from 1; None is the last stage. Raises ConfigError."""
-    stages = len(settings.curriculum.stages)
-    if stage is not None and stage > stages:
-        raise ConfigError(f"--stage: expected 1 to {stages}, found {stage}")
-    return (stage or stages) - 1
-
-
-def tree_in_domain(file: str, options: DomainOptions) -> tuple[Node, Settings, Problem]:
-    """The marked tree in a file, the settings of its domain, and the problem for its episodes.
-
-    Raises:
-        ConfigError, DomainError: the configuration is invalid, or the tree is for another domain.
-        TreeError: the file is not a tree of the domain.
-    """
-    source = read_tree_text(file)
-    settings = settings_of(source, options)
-    problem = settings.problem()
-    return source.tree(problem.domain.schema.vocabulary, marked=True), settings, problem
-
-
-def recorded(file: str, seed: int, episode: EpisodeOptions) -> Recording:
-    """The recording of an episode of the tree in a file, in the world of `seed`.
-
-    Raises:
-        IslandError: as `tree_in_domain` and `viewer.recording.record`.
-    """
-    from islandgp.viewer.recording import record
-
-    tree, settings, problem = tree_in_domain(file, episode.options)
-    stage = stage_index(settings, episode.stage)
-    return record(tree, problem, seed=seed, stage=stage, limit=episode.timeout)
-
-
 def settings_of(source: TreeText, options: DomainOptions) -> Settings:
-    """The settings of the domain chosen by the options or the text. Raises as `tree_in_domain`."""
+    """The settings of the domain chosen by the options or the text.
+
+    Raises:
+        ConfigError, DomainError: the configuration is invalid, or has no domain of this name.
+    """
     return configured(_for_tree(source, options), options.config_dir)
 
 

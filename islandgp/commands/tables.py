@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
+import re
 import sys
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from math import isfinite, isnan
-from typing import TYPE_CHECKING, Final, NamedTuple
+from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
 from islandgp.viewer.recording import digits
 
@@ -14,19 +15,10 @@ if TYPE_CHECKING:
 
 GAP: Final = 2  # characters between two columns
 UNLIMITED_WIDTH: Final = 100_000  # characters of a line in a file or a pipe
+NUMERIC: Final = re.compile(r"[-+\d.,%\[\] ]*(of \d+)?")
 
-
-class Column(NamedTuple):
-    """A column of a table."""
-
-    heading: str
-    cells: Sequence[str]
-    left: bool = False  # alignment
-
-    @property
-    def width(self) -> int:
-        """Width in characters, with the gap."""
-        return max(map(len, (self.heading, *self.cells))) + GAP
+Column: TypeAlias = tuple[str, Sequence[Any]]
+"""The heading of a column, and its cells: texts or numbers."""
 
 
 def standard_output() -> Console:
@@ -38,11 +30,16 @@ def standard_output() -> Console:
     )
 
 
-def numbers(values: Sequence[float]) -> list[str]:
+def numbers(values: Sequence[float], sign: str = "") -> list[str]:
     """Numbers with the same number of decimals: none if all are whole. NaN is a dash."""
     finite = [value for value in values if isfinite(value)]
     places = 0 if all(value == int(value) for value in finite) else digits(finite)
-    return ["-" if isnan(value) else f"{value:,.{places}f}" for value in values]
+    return ["-" if isnan(value) else f"{value:{sign},.{places}f}" for value in values]
+
+
+def with_ends(interval: Sequence[float], sign: str = "") -> str:
+    """An estimate with the ends of its interval: `4.0 (3.1 to 4.9)`."""
+    return "{} ({} to {})".format(*numbers(interval, sign))
 
 
 def parts(columns: Sequence[Column], width: int) -> list[list[Column]]:
@@ -53,23 +50,31 @@ def parts(columns: Sequence[Column], width: int) -> list[list[Column]]:
     first, *others = columns
     groups = [[first]]
     for column in others:
-        if len(groups[-1]) > 1 and sum(c.width for c in (*groups[-1], column)) - GAP > width:
+        taken = sum(GAP + max(map(len, (head, *cells))) for head, cells in (*groups[-1], column))
+        if len(groups[-1]) > 1 and taken - GAP > width:
             groups.append([first])
         groups[-1].append(column)
     return groups
 
 
-def print_table(console: Console, columns: Sequence[Column]) -> None:
-    """Prints a table, in parts that fit the console's width, with an empty line between two."""
+def print_table(console: Console, columns: Iterable[Column]) -> None:
+    """Prints a table, in parts that fit the console's width, with an empty line between two.
+
+    Numbers, intervals and counts as `3 of 30` are on the right of their column, texts on the left.
+    """
     from rich.table import Table
 
-    for number, part in enumerate(parts(columns, console.width)):
+    texts = [
+        (head, [*cells] if any(isinstance(cell, str) for cell in cells) else numbers(cells))
+        for head, cells in columns
+    ]
+    for number, part in enumerate(parts(texts, console.width)):
         if number:
             console.print()
         table = Table(box=None, padding=(0, GAP, 0, 0), pad_edge=False, header_style="bold")
-        for column in part:
-            side: JustifyMethod = "left" if column.left else "right"
-            table.add_column(column.heading, justify=side, overflow="fold")
-        for row in zip(*(column.cells for column in part), strict=True):
+        for head, cells in part:
+            side: JustifyMethod = "right" if all(map(NUMERIC.fullmatch, cells)) else "left"
+            table.add_column(head, justify=side, overflow="fold")
+        for row in zip(*(cells for _, cells in part), strict=True):
             table.add_row(*row)
         console.print(table)

@@ -38,6 +38,7 @@ from islandgp.records.checkpoint import (
 )
 from islandgp.records.files import LONG, RunMetadata, RunSummary, pretty
 from islandgp.records.parameters import without_credentials
+from islandgp.text import in_its_domain
 
 
 class Status(StrEnum):
@@ -189,6 +190,29 @@ class RunFolder:
                 del damage[name]
         manifest.refuse(self.path, damage)
 
+    def verified(self) -> str:
+        """The run in a few words, once its files or, before its end, its records are checked.
+
+        Raises:
+            RunError: a file is damaged.
+        """
+        check_folder(self.path)
+        if self.finished() and (damage := manifest.damaged_files(self.path)):
+            raise RunError("; ".join(manifest.in_words(*each) for each in damage.items()))
+        self.configuration()
+        if not self.about():
+            raise RunError("about.json: missing")
+        generations = self.completed_generations()
+        if self.finished():
+            return f"{generations} generations, finished"
+        for _ in self.records():
+            pass
+        if sum(1 for _ in self._costs.whole()) < generations:
+            raise RunError("costs.jsonl: times are missing; the run continues without them")
+        if generations and not (self.path / "best.bt").exists():
+            raise RunError("best.bt: it is missing; the run's command restores it")
+        return f"{generations} generations, unfinished"
+
     def resume(self, warn: Callable[[str], None] = lambda _: None) -> RunState | None:
         """The state to continue from; None: the run starts at generation 0.
 
@@ -233,8 +257,7 @@ class RunFolder:
     def best_text(self, tree: str) -> str:
         """The content of best.bt for a tree: its domain and its canonical text."""
         about = self.about()
-        domain = "" if about is None else about.tags.get("domain", "")
-        return f"domain {domain}\n\n{tree}" if domain else tree
+        return in_its_domain("" if about is None else about.tags.get("domain", ""), tree)
 
     def _restore_best(self, tree: str) -> None:
         best, text = self.path / "best.bt", self.best_text(tree).encode()

@@ -101,6 +101,13 @@ def _damage(file: Path, expected: ManifestEntry | None) -> str:
     return "" if same else CHANGED
 
 
+def in_words(name: str, damage: str) -> str:
+    """What happened to a file, and whether the run's command makes it again."""
+    # After a kill, the page of an unfinished run may be there, without an entry.
+    restored = name == PAGE or (damage == MISSING and name in RESTORABLE)
+    return f"{name}: {damage}{'; the command of the run restores it' * restored}"
+
+
 def must_be_as_written(folder: Path, name: str) -> None:
     """Raises RunError if a file of a finished run is damaged, or another one is missing."""
     listed = {*REQUIRED, *read_manifest(folder)} - RESTORABLE

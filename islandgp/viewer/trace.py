@@ -164,6 +164,21 @@ def _guards(tree: Node) -> list[str]:
     return guards
 
 
+def trace(recording: Recording, begin: float, end: float) -> Iterator[Text | str]:
+    """The outcome, the tree, the timeline between two times, in s, and the points."""
+    outcome = recording.outcome
+    yield (
+        f"World {recording.seed}, stage {recording.stage + 1}:"
+        f" {outcome.fitness:,.{recording.digits}f} points in {outcome.seconds:,g} s, ended by"
+        f" {', '.join(outcome.endings)}\n"
+    )
+    yield drawn(recording)
+    yield ""
+    yield from timeline(recording, begin, end)
+    yield ""
+    yield from components(recording)
+
+
 def components(recording: Recording) -> Iterator[str]:
     """A line for each component that earned points, and one for the fitness."""
     outcome = recording.outcome

@@ -9,7 +9,7 @@ import pandas as pd  # type: ignore[import-untyped] # its stubs are a package ap
 import pytest
 from click.testing import CliRunner, Result
 
-from islandgp.commands.compare_command import command
+from islandgp.commands.comparisons import compare_command as command
 from islandgp.errors import IslandError, StudyError
 from islandgp.results import load
 from islandgp.running import app

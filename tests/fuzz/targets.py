@@ -32,7 +32,6 @@ from islandgp.bt.export.behaviortree_cpp import to_xml
 from islandgp.bt.export.declared import declared
 from islandgp.bt.export.import_cpp import read_tree
 from islandgp.bt.export.json import from_json, to_json
-from islandgp.commands.verify_command import verify
 from islandgp.compare.arms import Arm, find
 from islandgp.compare.measures import read_runs
 from islandgp.config.compose import planned
@@ -258,7 +257,7 @@ def records(data: bytes) -> bool:
     (folder / name).write_bytes(body)
     accepted = 0
     with suppress(IslandError):
-        verify(RunFolder(folder))
+        RunFolder(folder).verified()
     for reader in READERS:
         try:
             reader(folder)

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from click.testing import CliRunner
 
-from islandgp.commands.estimate_command import command
+from islandgp.commands.runs import estimate_command as command
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.resources import resource
 from islandgp.supervision.llm.answers import RejectionStage

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 from click.testing import CliRunner
 
-from islandgp.commands.estimate_command import command
+from islandgp.commands.runs import estimate_command as command
 from islandgp.errors import ConfigError
 from islandgp.resources import resource
 from islandgp.supervision.base import RunContext

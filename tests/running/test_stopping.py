@@ -14,7 +14,7 @@ from tempfile import TemporaryDirectory
 import pytest
 
 from islandgp import startup
-from islandgp.commands import fmt_command
+from islandgp.commands import trees
 from islandgp.running.console import as_ctrl_c
 from islandgp.startup import stop_before_work
 from tests.running.commands import ROOT
@@ -153,7 +153,7 @@ def test_a_signal_stops_any_command_with_a_line(
         signal.raise_signal(getattr(signal, name))
         return ""
 
-    monkeypatch.setattr(fmt_command, "read_tree_text", read)
+    monkeypatch.setattr(trees, "read_tree_text", read)
     result = shell(monkeypatch, capsys)("fmt", "-")
     assert (result.code, result.err.strip()) == (130, "islandgp: stopped")
 

@@ -20,7 +20,7 @@ import pytest
 from click.testing import CliRunner
 
 from islandgp.cli import islandgp
-from islandgp.commands import ui_command
+from islandgp.commands import stores
 from islandgp.errors import TrackingError
 from islandgp.evolution.validation import Validation
 from islandgp.tracking import ui
@@ -126,9 +126,9 @@ def test_open_opens_the_page_of_the_arms(monkeypatch: pytest.MonkeyPatch) -> Non
         addresses.append(address)
         return False
 
-    monkeypatch.setattr(ui_command, "served", lambda *_: nullcontext(pages))
-    monkeypatch.setattr(ui_command.webbrowser, "open", no_browser)
-    monkeypatch.setattr(ui_command.threading, "Event", lambda: SimpleNamespace(wait=ends))
+    monkeypatch.setattr(stores, "served", lambda *_: nullcontext(pages))
+    monkeypatch.setattr(stores.webbrowser, "open", no_browser)
+    monkeypatch.setattr(stores.threading, "Event", lambda: SimpleNamespace(wait=ends))
     arguments = ["ui", "--uri", "sqlite:///mlflow.db"]
     assert "--open" not in (result := CliRunner().invoke(islandgp, arguments)).output
     assert (result.exit_code, addresses) == (0, [])

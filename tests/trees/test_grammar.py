@@ -21,7 +21,7 @@ from islandgp.bt.core.parameters import one_of, real, switch, text, whole
 from islandgp.bt.core.printer import number_text
 from islandgp.bt.core.vocabulary import Action, Vocabulary, enumeration, flag, integer, number
 from islandgp.bt.export.grammar import Grammar, between, tree_grammar
-from islandgp.commands.grammar_command import command
+from islandgp.commands.trees import grammar_command as command
 from islandgp.domain_files import domain_class
 from islandgp.errors import DomainError
 from islandgp.gp.random_trees import TreeSettings, TreeSpace, random_tree

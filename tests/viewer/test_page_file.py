@@ -9,7 +9,7 @@ import pytest
 from click.testing import CliRunner
 
 from islandgp.cli import islandgp
-from islandgp.commands import watch_command
+from islandgp.commands import runs as run_commands
 from islandgp.errors import RunError, UntrustedError
 from islandgp.records.files import PAGE
 from islandgp.records.folder import RunFolder, Status
@@ -115,7 +115,7 @@ def test_watch_renews_the_page_of_an_active_run(
             folder.finish(finished(folder, steps()[-1]), archive(steps()[-1]))
         folder.close()
 
-    monkeypatch.setattr(watch_command, "sleep", time_passes)
+    monkeypatch.setattr(run_commands, "sleep", time_passes)
     folder.append(steps()[0])
     result = CliRunner().invoke(islandgp, ["watch", str(folder.path), "--no-open"])
     assert result.output == f"{folder.path / PAGE}\n"

@@ -19,7 +19,7 @@ from islandgp.bt.core.includes import find_includes
 from islandgp.bt.core.language import MAX_CHARACTERS
 from islandgp.bt.core.node import Limits
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
-from islandgp.commands.check_command import findings, plain_error, plain_finding
+from islandgp.commands.check import findings, plain_error, plain_finding
 from islandgp.commands.files import TreeText
 from islandgp.errors import IslandError, TreeError
 from islandgp_editor.assist import completions, meaning

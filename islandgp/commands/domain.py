@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 @click.option("--yaml", "as_yaml", is_flag=True, help="Print the domain's configuration file.")
 @with_domain_options
 @with_timeout_option
-def command(
+def domain_command(
     arguments: tuple[str, ...],
     check: bool,
     strict: bool,

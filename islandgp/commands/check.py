@@ -44,7 +44,7 @@ CODES: Final[dict[type[TreeError], str]] = {
 @click.option("-q", "--quiet", is_flag=True, help="Do not print files without findings.")
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as a JSON list.")
 @with_vocabulary_options
-def command(
+def check_command(
     files: tuple[str, ...],
     strict: bool,
     max_depth: int | None,

@@ -37,7 +37,7 @@ LEFT_OUT: Final = ignore_patterns("__pycache__", "*.pyc", "fill.py")
 @click.option(
     "--environment", metavar="ID", help="Gymnasium environment; default: CartPole-v1.", default=None
 )
-def command(name: str, kind: str, environment: str | None) -> None:
+def new_command(name: str, kind: str, environment: str | None) -> None:
     """Write a folder NAME with a robot that runs at once: module, configuration, tree and test.
 
     `make run` there evolves a tree for it, `make test` checks its contract.

@@ -1,7 +1,9 @@
-"""`islandgp sync`: sends missing records to the tracking store."""
+"""Commands for tracking stores: `sync` and `ui`."""
 
 from __future__ import annotations
 
+import threading
+import webbrowser
 from pathlib import Path
 
 import click
@@ -12,8 +14,10 @@ from islandgp.config.sources import ConfigSource
 from islandgp.errors import TrackingError, brief
 from islandgp.gate import cleaned, configuration_folder
 from islandgp.resources import resource
+from islandgp.running.console import as_ctrl_c
 from islandgp.tracking.store import MLflowSettings, TrackingStore
 from islandgp.tracking.sync import place_from, sync
+from islandgp.tracking.ui import served
 
 
 def configured_stores() -> list[TrackingStore]:
@@ -31,12 +35,17 @@ def configured_stores() -> list[TrackingStore]:
     return places
 
 
+with_experiment_option = click.option(
+    "--experiment", default="islandgp", help="MLflow experiment, with --uri."
+)
+
+
 @click.command()
 @click.argument("folders", nargs=-1, type=click.Path(path_type=Path))
 @click.option("--uri", help="Store to send to, instead of each run's: sqlite:///FILE or http://...")
-@click.option("--experiment", default="islandgp", help="MLflow experiment, with --uri.")
+@with_experiment_option
 @with_config_dir_option
-def command(folders: tuple[Path, ...], uri: str | None, experiment: str) -> None:
+def sync_command(folders: tuple[Path, ...], uri: str | None, experiment: str) -> None:
     """Send missing records of the runs in FOLDERS (default: runs) to their store.
 
     Each folder is a run's, a sweep's, or one above them. Records are sent only once.
@@ -63,3 +72,29 @@ def command(folders: tuple[Path, ...], uri: str | None, experiment: str) -> None
             f"Expected to send all runs, found {len(failed)} that could not be sent; correct what"
             f" each line names and repeat the command:\n{lines}"
         )
+
+
+@click.command()
+@click.option(
+    "--uri", help="The store: sqlite:///FILE or http://...; default: that of the configuration."
+)
+@with_experiment_option
+@click.option("--port", default=5000, help="Port of the server.")
+@click.option("--open", "open_browser", is_flag=True, help="Open the arms page in a browser.")
+@with_config_dir_option
+def ui_command(uri: str | None, experiment: str, port: int, open_browser: bool) -> None:
+    """Serve the MLflow pages and print the address of the runs page."""
+    place = place_from(uri, experiment) if uri else configured_stores()[0]
+    click.echo(f"Starting the MLflow server for {place.uri} ...", err=True)
+    try:
+        # The server runs in another session, so signals to this command do not reach it.
+        with as_ctrl_c("SIGTERM", "SIGHUP"), served(place, port) as pages:
+            of = f" of sweep {pages.sweep}" if pages.sweep else ""
+            click.echo(f"charts{of}, a curve for each arm:  {pages.arms}")
+            click.echo(f"all runs, in a table:  {pages.runs}")
+            click.echo("Only this machine reaches the server. Ctrl-C stops it.", err=True)
+            if open_browser and not webbrowser.open(pages.arms):
+                click.echo("Found no browser to open: open the address yourself.", err=True)
+            threading.Event().wait()
+    except KeyboardInterrupt:
+        click.echo("stopped", err=True)

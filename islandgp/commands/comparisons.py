@@ -1,0 +1,203 @@
+"""Commands that compare the results of runs: `best` and `compare`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from islandgp.commands.files import FOLDER, OUTPUT, STDIN, check_place, unusable, write_text
+from islandgp.commands.options import grouped, with_config_dir_option, with_workers_option
+from islandgp.commands.tables import Column, print_table, standard_output
+from islandgp.compare.best_trees import best_trees, finished_runs, shortened_trees
+from islandgp.compare.report import CompareOptions, build, select_study, write
+from islandgp.errors import RunError
+from islandgp.evaluation.processes import Processes, cores
+from islandgp.gate import cleaned
+from islandgp.text import in_interval, in_points, title
+
+if TYPE_CHECKING:
+    from pandas import DataFrame  # type: ignore[import-untyped] # its stubs are a package apart
+
+TIMEOUT: Final = 600.0  # time limit of an episode of `best`, s
+
+
+@click.command()
+@click.argument("run", type=click.Path(path_type=Path))
+@click.option("--tier", help="Only trees that reached this tier in training.")
+@click.option(
+    "--worlds",
+    type=click.IntRange(2, 10_000),
+    default=100,
+    help="Number of test worlds in which the best trees are evaluated.",
+)
+@with_workers_option
+@click.option("-o", "--output", type=OUTPUT, help="Write the winner to this file.")
+@click.option(
+    "--front", is_flag=True, help="Print the run's shortened trees, by size, and run no episode."
+)
+@click.option("--nodes", type=click.IntRange(1), help="Print the shortened tree of this size.")
+@click.option("--json", "as_json", is_flag=True, help="Print the rows as JSON.")
+@with_config_dir_option
+def best_command(
+    run: Path,
+    tier: str | None,
+    worlds: int,
+    workers: int,
+    output: str | None,
+    front: bool,
+    nodes: int | None,
+    as_json: bool,
+) -> None:
+    """Find the best tree of the finished run, or the finished runs of a sweep, in the folder RUN.
+
+    Candidates are all trees of the last stage, or the best robots of a sweep's runs. Successive
+    halving in validation worlds selects three of them. These, the run's best robot and the
+    library's reference trees are then evaluated in test worlds, which were used neither for
+    training nor for selection.
+    """
+    if (front or nodes) and tier:
+        raise click.UsageError("expected --tier without --front, which runs no episode")
+    runs, unfinished = finished_runs(run)
+    if unfinished:
+        names = cleaned(", ".join(unfinished))
+        click.echo(f"islandgp: left out, as they are not finished: {names}", err=True)
+    if front or nodes:
+        rows = shortened_trees(runs)
+        sizes = {tree["nodes"]: tree for tree in rows}
+        if nodes is not None and nodes not in sizes:
+            raise RunError(f"--nodes: expected one of {', '.join(map(str, sizes))}, found {nodes}")
+        best = next(t for t in rows if t["chosen"]) if nodes is None else sizes[nodes]
+        columns, note = _front(rows), "no tree was made; --nodes N prints that tree"
+        note = f"\nPoints in the same worlds, in which {note}."
+        if nodes is not None and output is None and not as_json:
+            output = STDIN
+    else:
+        make = partial(Processes, workers=workers or cores(), episode_timeout=TIMEOUT)
+        frame = best_trees(runs, make, tier or "", worlds)
+        rows, columns = frame.to_dict("records"), [*_best(frame)]
+        best = rows[0]
+        note = "\nPerturbed: mean and worst in the same worlds after their perturbation.\n" * (
+            "perturbed" in frame
+        ) + (
+            f"\nMeans over {worlds} test worlds of the last stage;"
+            " training and selection used other worlds."
+        )
+    if output is not None:
+        write_text(output, best["tree"])
+    if as_json:
+        click.echo(json.dumps(rows, indent=2))
+    elif output != STDIN:
+        console = standard_output()
+        print_table(console, columns)
+        console.print(note)
+
+
+def _front(trees: Sequence[Mapping[str, Any]]) -> list[Column]:
+    """The columns of a front of size against points."""
+    differences = [
+        "" if (d := tree["difference"]) is None else in_interval(d["mean"], d["low"], d["high"])
+        for tree in trees
+    ]
+    return [
+        ("nodes", [tree["nodes"] for tree in trees]),
+        ("to the longest (95 %)", differences),
+        ("", ["best robot" if tree["chosen"] else "" for tree in trees]),
+    ]
+
+
+def _best(rows: DataFrame) -> Iterator[Column]:
+    """The columns of the best trees."""
+    ends = zip(rows["difference"], rows["difference_low"], rows["difference_high"], strict=True)
+    yield "tree", [*map(cleaned, rows["name"])]
+    yield "points", [*map(in_points, rows["points"])]
+    lows, highs = map(in_points, rows["low"]), map(in_points, rows["high"])
+    yield "95 % interval", [f"[{low}, {high}]" for low, high in zip(lows, highs, strict=True)]
+    for name in rows:
+        if name.startswith("reached."):
+            yield title(name.removeprefix("reached.")), [f"{share:.0%}" for share in rows[name]]
+    if "feasible" in rows:
+        yield "constraints kept", [f"{share:.0%}" for share in rows["feasible"]]
+    for heading, name in (("perturbed", "perturbed"), ("worst", "perturbed_worst")):
+        if name in rows:
+            yield heading, [*map(in_points, rows[name])]
+    yield "to the first", ["", *(in_interval(*each) for each in [*ends][1:])]
+
+
+EPILOG = """\b
+Without --arm, the arms are those of the sweep: runs that differ only in seed.
+--arm takes an arm's name as it is printed, or NAME="SELECTION": a list of
+KEY=VALUE of the configuration, separated by spaces:
+  --arm expert="supervisor=expert" --arm baseline="supervisor=baseline"
+  --arm a="name=study seed=range(30) supervisor=llm" --arm b="my_sweep"
+A bare word in a selection is a sweep's name.
+"""
+
+OPTIONS = (
+    with_workers_option,
+    click.option(
+        "--worlds",
+        type=click.IntRange(0, 10_000),
+        default=100,
+        help="Unseen worlds for the best robots; 0: none.",
+    ),
+    click.option(
+        "--force", is_flag=True, help="Compare arms that are not comparable, with a warning."
+    ),
+    click.option(
+        "--margin",
+        "margins",
+        multiple=True,
+        metavar="MEASURE=VALUE",
+        help="Largest difference at which arms count as equivalent.",
+    ),
+    click.option(
+        "--primary",
+        metavar="MEASURE",
+        help="Primary endpoint: one test of the first two arms, not adjusted.",
+    ),
+    click.option(
+        "-o",
+        "--out",
+        type=FOLDER,
+        help="Folder for the report.  [default: study/<arms>, study/<sweep> without --arm]",
+    ),
+    click.option(
+        "--arm",
+        "arms",
+        multiple=True,
+        metavar='NAME="SELECTION"',
+        help="One arm.  [default: each arm of the sweep]",
+    ),
+    click.option("--name", help="Use only the runs of this sweep."),
+    click.option(
+        "--runs",
+        type=click.Path(path_type=Path),
+        multiple=True,
+        help="Folder of the runs; several: --runs A --runs B, or --runs A B.  [default: runs]",
+    ),
+    click.argument("folders", nargs=-1, type=click.Path(path_type=Path)),
+)
+
+
+@click.command(epilog=EPILOG)
+@grouped("options", CompareOptions, *OPTIONS)
+@with_config_dir_option
+def compare_command(options: CompareOptions) -> None:
+    """Compare arms of the runs in FOLDERS by tables, figures and statistics.
+
+    Prints the result, and writes a page (index.html), CSV files and figures (SVG).
+    """
+    study, plan, folder = select_study(options)
+    check_place(folder, is_folder=True)
+    make = partial(Processes, workers=options.workers or cores())
+    report = build(study, plan, worlds=options.worlds, make=make)
+    try:
+        write(report, folder)
+    except OSError as error:
+        raise unusable(folder, error) from error
+    click.echo(report.screen(folder))

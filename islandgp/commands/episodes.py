@@ -1,0 +1,345 @@
+"""Commands that run trees: `play`, `explain`, `prune`, `trace` and `replay`."""
+
+from __future__ import annotations
+
+import json
+import re
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from math import inf, nan
+from pathlib import Path
+from statistics import fmean, stdev
+from typing import TYPE_CHECKING, Any, Final
+
+import click
+
+from islandgp.bt.analysis.names import with_names
+from islandgp.bt.core.language import domain_of
+from islandgp.bt.core.node import names_in, size
+from islandgp.bt.core.printer import with_subtrees
+from islandgp.commands.evaluating import recorded, tree_trials
+from islandgp.commands.files import (
+    FILE,
+    OUTPUT,
+    STDIN,
+    check_other_file,
+    display_name,
+    read_tree_text,
+    write_text,
+)
+from islandgp.commands.options import (
+    EpisodeOptions,
+    NumberRange,
+    with_episode_options,
+    with_output_option,
+)
+from islandgp.commands.tables import Column, numbers, print_table, standard_output, with_ends
+from islandgp.domain import Outcome, Schema
+from islandgp.evolution.prune import LEAST_EPISODES, Keep, PruneResult, prune
+from islandgp.evolution.validation import fresh_worlds
+from islandgp.plain import nan_to_none
+from islandgp.records.folder import RunFolder
+from islandgp.records.sentences import in_lines
+from islandgp.scoring.classes import specialist, tiers
+from islandgp.scoring.constraints import feasible_share, in_words
+from islandgp.scoring.explain import explained, usage, with_counts, with_losses
+from islandgp.statistics import mean_interval
+from islandgp.text import in_its_domain, title
+
+if TYPE_CHECKING:
+    from islandgp.config.settings import Settings
+
+ENDS: Final = ("", "_low", "_high")  # suffixes of the names of an estimate and its interval
+
+with_seed_option = click.option(
+    "--seed", type=click.IntRange(0), default=0, help="Seed of the world, or of all worlds."
+)
+
+
+@click.command()
+@click.argument("files", type=FILE, nargs=-1, required=True)
+@click.option("--seeds", type=click.IntRange(1, 100_000), default=30, help="Number of worlds.")
+@click.option("--json", "as_json", is_flag=True, help="Print the outcomes as JSON.")
+@with_episode_options
+def play_command(
+    files: tuple[str, ...], seeds: int, as_json: bool, episode: EpisodeOptions
+) -> None:
+    """Run the tree in each of FILES in the worlds 0, 1, 2, ...
+
+    For one tree, the output has the counters of each world, the components of the
+    fitness, and the quality tiers (Table 4 of the paper). Several trees are compared in
+    the same worlds, by the paired differences to the first. Evolution uses other seeds. If the
+    configuration perturbs worlds (--set 'perturb=...'), the episodes run in perturbed ones.
+    """
+    with tree_trials(files[0], episode, len(files) * seeds) as trials:
+        settings, schema = trials.settings, trials.problem.domain.schema
+        others = [read_tree_text(file).tree(schema.vocabulary) for file in files[1:]]
+        outcomes = trials.outcomes([trials.tree, *others], range(seeds))
+    first, reached = outcomes[0], [tiers(each, settings.classes) for each in outcomes[0]]
+    rows = [{"fitness": o.fitness, **asdict(o)} for o in first]
+    if len(files) > 1:
+        rows = [
+            {"file": display_name(file), **_row(own, first, settings)}
+            for file, own in zip(files, outcomes, strict=True)
+        ]
+    if as_json:
+        click.echo(json.dumps(nan_to_none(rows), indent=2))
+        return
+    console = standard_output()
+    if len(files) == 1:
+        print_table(console, _worlds(first, schema, settings))
+        console.print()
+        print_table(console, _summary(first, schema))
+        counts = (f"{t} {sum(t in names for names in reached)}" for t in settings.classes.tiers)
+        console.print(
+            f"\nStage {trials.stage + 1}. Tiers, of {seeds} world{'s' * (seeds > 1)}:"
+            f" {', '.join(counts)}"
+        )
+    else:
+        print_table(console, _comparison(rows, seeds, schema, settings))
+        console.print(
+            f"\nMeans over the worlds 0 to {seeds - 1}; differences are to the first tree in the"
+            " same worlds, with Student's t. Tiers are shares of the worlds."
+        )
+    if settings.constraints:
+        console.print(f"Constraints: {in_words(settings.constraints)}.")
+    if settings.perturb:
+        console.print(f"Perturbed: {settings.perturb.in_words()}.")
+
+
+def _worlds(outcomes: Sequence[Outcome], schema: Schema, settings: Settings) -> Iterator[Column]:
+    """A row for each world."""
+    classes = settings.classes
+    yield "world", [str(world) for world in range(len(outcomes))]
+    yield "fitness", [outcome.fitness for outcome in outcomes]
+    for name, heading in _headings(schema):
+        yield heading, [outcome.counters[name] for outcome in outcomes]
+    yield "seconds", [outcome.seconds for outcome in outcomes]
+    yield "ended by", [", ".join(outcome.endings) for outcome in outcomes]
+    yield "class", [specialist(outcome, classes) for outcome in outcomes]
+    yield "best tier", ["".join(tiers(outcome, classes)[:1]) for outcome in outcomes]
+
+
+def _headings(schema: Schema) -> Iterator[tuple[str, str]]:
+    """The name and the heading of each counter."""
+    for name, counter in schema.counters.items():
+        yield name, f"{counter.heading or name} {counter.unit}".rstrip()
+
+
+def _summary(outcomes: Sequence[Outcome], schema: Schema) -> list[Column]:
+    """Mean and spread over the worlds of the components, the fitness and the counters."""
+    rows = {name: [o.components[name] for o in outcomes] for name in outcomes[0].components}
+    rows["fitness"] = [outcome.fitness for outcome in outcomes]
+    rows |= {heading: [o.counters[n] for o in outcomes] for n, heading in _headings(schema)}
+    cells = [
+        numbers([fmean(v), stdev(v) if len(v) > 1 else nan, min(v), max(v)]) for v in rows.values()
+    ]
+    columns = zip(("mean", "sd", "least", "most"), zip(*cells, strict=True), strict=True)
+    return [("points", list(rows)), *columns]
+
+
+def _row(own: Sequence[Outcome], first: Sequence[Outcome], settings: Settings) -> dict[str, Any]:
+    """Means of a tree with 95 % intervals, whose ends are nan for a single world.
+
+    Counters are means over the worlds; tiers and constraints are shares of the worlds.
+    """
+    points = [outcome.fitness for outcome in own]
+    pairs = [a - b.fitness for a, b in zip(points, first, strict=True)]
+    reached = [tiers(outcome, settings.classes) for outcome in own]
+    row: dict[str, Any] = {}
+    for name, values in (("fitness", points), ("difference", pairs)):
+        row |= zip((name + end for end in ENDS), mean_interval(values), strict=True)
+    row["better_in"] = sum(pair > 0 for pair in pairs)
+    row["counters"] = {name: fmean(o.counters[name] for o in own) for name in own[0].counters}
+    row["tiers"] = {tier: fmean(tier in t for t in reached) for tier in settings.classes.tiers}
+    if settings.constraints:
+        row["feasible"] = feasible_share([o.counters for o in own], settings.constraints)
+    return row
+
+
+def _comparison(
+    rows: Sequence[dict[str, Any]], worlds: int, schema: Schema, settings: Settings
+) -> Iterator[Column]:
+    """A row for each tree: fitness, tiers, constraints and counters."""
+    yield "tree", [row["file"] for row in rows]
+    yield "fitness (95 %)", [with_ends([row["fitness" + end] for end in ENDS]) for row in rows]
+    apart = [with_ends([row["difference" + end] for end in ENDS], "+") for row in rows[1:]]
+    yield "difference (95 %)", ["", *apart]
+    yield "better in", ["", *(f"{row['better_in']} of {worlds}" for row in rows[1:])]
+    for tier in settings.classes.tiers:
+        yield title(tier), [f"{row['tiers'][tier]:.0%}" for row in rows]
+    if settings.constraints:
+        yield "constraints kept", [f"{row['feasible']:.0%}" for row in rows]
+    for name, heading in _headings(schema):
+        yield heading, [row["counters"][name] for row in rows]
+
+
+@click.command()
+@click.argument("file", type=FILE)
+@click.option("--worlds", type=click.IntRange(1, 10_000), default=20, help="Number of worlds.")
+@with_seed_option
+@click.option("--text", "as_text", is_flag=True, help="Print the tree with comments instead.")
+@click.option("--json", "as_json", is_flag=True, help="Print a row per node as JSON.")
+@with_episode_options
+def explain_command(
+    file: str, worlds: int, seed: int, as_text: bool, as_json: bool, episode: EpisodeOptions
+) -> None:
+    """Explain the tree in FILE: what each node does over several worlds.
+
+    For each node: the share of worlds in which it runs (a guard runs if its child does), its ticks,
+    successes and failures in an episode, the points that the actions below it earn, and how many
+    points change without it, with a 95 % interval over the worlds.
+
+    For a tree in the folder of a run with search=plans, what the run has learned about its actions
+    follows.
+    """
+    from rich.text import Text
+
+    from islandgp.bt.export.render import to_rich
+
+    seeds = fresh_worlds(seed)(worlds)
+    with tree_trials(file, episode, worlds) as trials:
+        tree = trials.tree
+        usages = usage(trials.problem.run(trials.stage), tree, seeds)
+        usages = with_losses(usages, tree, trials.outcomes, seeds)
+    if as_json:
+        click.echo(json.dumps(nan_to_none([asdict(u) for u in usages]), indent=2))
+    elif as_text:
+        click.echo(with_subtrees(explained(tree, usages)), nl=False)
+    else:
+        notes = [Text(with_counts(u), "dim" if u.worlds else "bold red") for u in usages]
+        standard_output().print(to_rich(tree, notes))
+        run, actions = RunFolder(Path(file).parent), names_in(tree)[0]
+        learned = run.summary().get("learned", ()) if run.finished() else ()
+        if own := [s for s in learned if re.split(r"\W", s, maxsplit=1)[0] in actions]:
+            click.echo("\n".join(in_lines(own)))
+
+
+@click.command()
+@click.argument("file", type=FILE)
+@with_output_option
+@click.option(
+    "--tolerance",
+    type=NumberRange(min=0, max=0.5),
+    help="Largest loss of mean fitness, as a share of it; by default that of the configuration.",
+)
+@click.option(
+    "--episodes",
+    type=click.IntRange(LEAST_EPISODES, 1_000_000),
+    default=3_000,
+    help="Maximum number of episodes.",
+)
+@with_seed_option
+@with_episode_options
+def prune_command(
+    file: str,
+    output: str,
+    tolerance: float | None,
+    episodes: int,
+    seed: int,
+    episode: EpisodeOptions,
+) -> None:
+    """Shorten the tree in FILE as far as its fitness allows.
+
+    Nodes, terms and digits go if the tree keeps its fitness within the tolerance, and its tiers,
+    behaviours and constraints, in the same worlds. The trees on the way are then evaluated in
+    fresh worlds; the shortest one that is as good there is printed, or written with -o. What went
+    is reported on the standard error. `simplify` makes only changes that cannot be noticed.
+    """
+    check_other_file(file, output)
+    with tree_trials(file, episode, episodes) as trials:
+        settings, vocabulary = trials.settings, trials.problem.domain.schema.vocabulary
+        limit = settings.prune.tolerance if tolerance is None else tolerance
+        result = prune(
+            trials.tree,
+            vocabulary,
+            trials.outcomes,
+            trials.problem.run(trials.stage),
+            fresh_worlds(seed),
+            Keep(limit, settings.classes, settings.constraints),
+            episodes=episodes,
+            most_worlds=settings.prune.worlds,
+        )
+    best = with_names(result.best, vocabulary, [trials.tree])
+    write_text(output, in_its_domain(domain_of(trials.source.text), with_subtrees(best)))
+    _report(result)
+
+
+def _report(result: PruneResult) -> None:
+    """Two tables: the steps with their differences, and the trees in fresh worlds."""
+    from rich.console import Console
+
+    console = Console(stderr=True, highlight=False, markup=False)
+    if result.earns_nothing:
+        console.print("The tree earns 0 points in every world, so there is nothing to compare.")
+        return
+    steps: list[Column] = [
+        ("nodes", [size(step.tree) for step in result.steps]),
+        ("points", ["", *numbers([step.difference for step in result.steps[1:]], "+")]),
+        ("change", [step.change or "simplified" for step in result.steps]),
+    ]
+    print_table(console, steps)
+    if tried := result.front:
+        console.print("\nShorter trees in fresh worlds; differences are to the original:")
+        front: list[Column] = [
+            ("nodes", [size(each.tree) for each in tried]),
+            ("difference (95 %)", [with_ends(mean_interval(t.differences), "+") for t in tried]),
+            ("worlds", [len(each.differences) for each in tried]),
+            ("", ["chosen" if each.tree == result.best else "" for each in tried]),
+        ]
+        print_table(console, front)
+    console.print(
+        f"Nodes: {size(result.original)} before, {size(result.best)} after;"
+        f" {result.episodes:,} episodes"
+    )
+
+
+@click.command()
+@click.argument("file", type=FILE)
+@with_seed_option
+@click.option(
+    "--from", "begin", type=NumberRange(min=0), default=0.0, help="Start of the timeline, in s."
+)
+@click.option(
+    "--to", "end", type=NumberRange(min=0), default=inf, help="End of the timeline, in s."
+)
+@with_episode_options
+def trace_command(file: str, seed: int, begin: float, end: float, episode: EpisodeOptions) -> None:
+    """Run the tree in FILE in one world and show the ticks of each node.
+
+    After each node: the share of ticks in which it was ticked, and how often it
+    succeeded, failed and was aborted. Then the actions in order, with the points
+    that they earned and the guards above them. `replay` shows the blackboard as well.
+    """
+    if not begin <= end:
+        raise click.UsageError(f"expected --from before --to, found {begin:g} and {end:g}")
+    from rich.console import Console
+
+    from islandgp.viewer.trace import trace
+
+    Console(soft_wrap=True, highlight=False).print(
+        *trace(recorded(file, seed, episode), begin, end), sep="\n"
+    )
+
+
+@click.command()
+@click.argument("file", type=FILE)
+@with_seed_option
+@click.option("-o", "--output", type=OUTPUT, default="replay.html")
+@click.option("--title", help="Default: the file's name.")
+@with_episode_options
+def replay_command(
+    file: str, seed: int, output: str, title: str | None, episode: EpisodeOptions
+) -> None:
+    """Run the tree in FILE in one world, and write a page that shows it.
+
+    The page is self-contained: open it in a browser, send it by mail, or view it
+    as an artifact in MLflow.
+    """
+    from islandgp.viewer.page import page
+
+    check_other_file(file, output)
+    text = page(recorded(file, seed, episode), title=title or Path(display_name(file)).stem)
+    write_text(output, text)
+    if output != STDIN:
+        click.echo(f"{output}: {len(text.encode()) / 1000:.0f} kB", err=True)
