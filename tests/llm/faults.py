@@ -20,6 +20,9 @@ class Fault(StrEnum):
     OVERLOADED = "overloaded"  # 529
     BAD_REQUEST = "bad_request"  # 400
     UNAUTHORISED = "unauthorised"  # 401, and the error repeats the key that was sent
+    NO_CREDIT = "no_credit"  # 402
+    TOO_LONG = "too_long"  # 400, as the prompt does not fit into the context
+    UNKNOWN_MODEL = "unknown_model"  # 404
     CUT = "cut"  # the connection ends in the middle of the body
     HTML = "html"  # a proxy's page with status 200
     TRUNCATED = "truncated"  # half of the JSON, with an honest length
@@ -34,6 +37,12 @@ class Fault(StrEnum):
     BRACKETS = "brackets"  # a megabyte of opening brackets
     SURROGATES = "surrogates"  # text that is no Unicode, and control characters
     INJECTION = "injection"  # an answer that gives orders to its reader
+    EMPTY = "empty"  # an answer without text
+    SLIPS = "slips"  # Python's quotes, a comma at the end, a number as text, labels in capitals
+
+
+HOPELESS: Final = (Fault.UNAUTHORISED, Fault.NO_CREDIT, Fault.TOO_LONG, Fault.UNKNOWN_MODEL)
+"""Faults that no later request heals."""
 
 
 Script = Callable[[int], Fault | None]
@@ -60,6 +69,7 @@ _FIELDS: Final[dict[Fault, dict[str, Any]]] = {
 
 ANSWER_FAULTS: Final = frozenset(
     {*_FIELDS, Fault.MAX_TOKENS, Fault.BRACKETS, Fault.SURROGATES, Fault.INJECTION}
+    | {Fault.EMPTY, Fault.SLIPS}
 )
 """Faults of the answer's text; the others are faults of the transport."""
 
@@ -72,6 +82,12 @@ def spoiled(answer: Mapping[str, Any], fault: Fault) -> tuple[str, str]:
             return text, "end_turn"
         case Fault.MAX_TOKENS:
             return text[: len(text) // 2], "max_tokens"
+        case Fault.EMPTY:
+            return "", "end_turn"
+        case Fault.SLIPS:
+            labels = {k: str(answer[k]).upper() for k in ("phase", "target") if k in answer}
+            rate = {k: str(answer[k]) for k in ("mutation_rate",) if k in answer}
+            return f"{ {**answer, **labels, **rate}!r},".replace("},", ",}"), "end_turn"
         case Fault.BRACKETS:
             return "[" * 500_000 + '{"a":' * 100_000, "end_turn"
         case Fault.SURROGATES:

@@ -21,6 +21,9 @@ _ERRORS: Final[dict[Fault, tuple[int, str, str, dict[str, str]]]] = {
     Fault.OVERLOADED: (529, "overloaded_error", "overloaded", {}),
     Fault.BAD_REQUEST: (400, "invalid_request_error", "max_tokens: not today", {}),
     Fault.UNAUTHORISED: (401, "authentication_error", "invalid key {key}", {}),
+    Fault.NO_CREDIT: (402, "billing_error", "the credit balance is too low", {}),
+    Fault.TOO_LONG: (400, "invalid_request_error", "prompt is too long: 9999 tokens", {}),
+    Fault.UNKNOWN_MODEL: (404, "not_found_error", "model: no-such-model", {}),
 }
 """Status, kind, message and headers of faults that are an error of the API."""
 

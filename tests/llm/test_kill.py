@@ -12,6 +12,7 @@ from time import sleep
 import pytest
 
 from islandgp.resources import resource
+from islandgp.running.app import main
 from tests.llm.faults import Fault
 from tests.llm.server import MessagesServer
 
@@ -62,29 +63,44 @@ class Killing(MessagesServer):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("override", ["supervisor.lag=0", "supervisor.lag=2", "supervisor.edits=2"])
-def test_kill_9_and_resume(tmp_path: Path, override: str) -> None:
-    """Killed three times with SIGKILL; only what was under way is asked for again."""
-    overrides = ("search=paper", override)  # which asks for rates and trees
-    overrides += ("supervisor.policy.prompts=informed",) if "edits" in override else ()
-    straight, cut = tmp_path / "straight", tmp_path / "cut"
-    straight.mkdir()
-    cut.mkdir()
+@pytest.mark.parametrize(
+    ("overrides", "kills"),
+    [
+        (("supervisor.lag=0", "gp.generations=10"), set(range(1, 33, 2))),
+        (("supervisor.lag=2",), {1, 4, 9}),
+        (("supervisor.edits=2", "supervisor.policy.prompts=informed"), {1, 4, 9}),
+    ],
+)
+def test_kill_9_and_resume(
+    tmp_path: Path,
+    overrides: tuple[str, ...],
+    kills: set[int],
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Killed in 3 or 16 requests; only what was under way is asked for again; so is its replay."""
+    overrides = ("search=paper", *overrides)  # which asks for rates and trees
+    straight, cut, again = (tmp_path / name for name in ("straight", "cut", "again"))
+    for home in (straight, cut, again):
+        home.mkdir()
     with Killing(set()) as server:
         assert server.run(straight, *overrides) == 0
         count = len(server.requests)
-    with Killing({1, 4, 9}) as server:
+    with Killing(kills) as server:
         codes = []
         while not codes or codes[-1] != 0:
             codes.append(server.run(cut, *overrides))
-            assert len(codes) < 5
-        count_with_kills = len(server.requests)
-    assert codes == [-9, -9, -9, 0]
-    records = [next(home.rglob("generations.jsonl")).read_bytes() for home in (straight, cut)]
-    assert records[0] == records[1]
-    assert (
-        count < count_with_kills <= count + 3 * 3
-    )  # all questions of a generation may be under way
+            assert len(codes) < len(kills) + 2
+        assert codes == [-9] * len(kills) + [0]
+        # All questions of a generation may be under way.
+        assert count < len(server.requests) <= count + 3 * len(kills)
+    monkeypatch.chdir(again)
+    replay = f"supervisor.policy.transcript='{next(cut.rglob('transcript.jsonl'))}'"
+    own = [override for override in overrides if "policy" not in override]
+    assert main([*OVERRIDES, "supervisor=replay", *own, replay]) == 0
+    records = [
+        next(home.rglob("generations.jsonl")).read_bytes() for home in (straight, cut, again)
+    ]
+    assert records[0] == records[1] == records[2]
 
 
 class NeverAnswers(Killing):

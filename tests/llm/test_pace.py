@@ -3,17 +3,20 @@
 from __future__ import annotations
 
 import time
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from threading import Thread
 
 import pytest
 
+from islandgp.supervision.llm import budget
 from islandgp.supervision.llm.budget import Pace
-from islandgp.supervision.llm.calls import LiveCalls
-from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request
+from islandgp.supervision.llm.message import Request
 from islandgp.supervision.llm.settings import PerMinute
-from islandgp.supervision.llm.transcript import Call, Transcript
-from tests.llm.samples import USAGE, settings
+from tests.composed import composed
+from tests.llm.faults import Fault
+from tests.llm.samples import settings
+from tests.llm.server import MessagesServer
+from tests.llm.test_whole_run import QUICK, live
 
 ASK = Request("m", "s" * 380, ("u" * 380,), 100)
 
@@ -58,40 +61,38 @@ def test_a_damaged_file_stops_nobody(tmp_path: Path, content: str) -> None:
     assert Clock().wait(shared) == 0
 
 
-class Strict:
-    """Refuses a request that comes less than 50 ms after the last one."""
+class Strict(MessagesServer):
+    """Refuses a request that comes less than 30 ms after the last one."""
 
     def __init__(self) -> None:
+        super().__init__(self._early)
         self.last, self.refused = 0.0, 0
 
-    def open(self) -> None: ...
-
-    def close(self) -> None: ...
-
-    def send(self, request: Request, *, seconds: float) -> Reply | Failure:  # noqa: ARG002
-        early, self.last = time.time() - self.last < 0.05, time.time()
-        self.refused += early
-        return Failure(FailureKind.RATE_LIMITED, "429") if early else Reply("", "end_turn", USAGE)
+    def _early(self, n: int) -> Fault | None:  # noqa: ARG002 -- a script's signature
+        is_early, self.last = time.monotonic() - self.last < 0.03, time.monotonic()
+        self.refused += is_early
+        return Fault.RETRY_SOON if is_early else None
 
 
-def test_four_runs_lose_no_answer(tmp_path: Path) -> None:
-    """Of a server that is stricter than they are together."""
-    server = Strict()
-    policy = settings("retry.attempts=1")
-    answers: list[Reply | Failure] = []
+def test_four_runs_lose_no_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of one server, which refuses what they would send without the limit that they share."""
+    monkeypatch.setattr(budget, "gettempdir", lambda: str(tmp_path))
+    retry = "supervisor.policy.retry"
+    short = ("gp.generations=4", f"{retry}.attempts=2", f"{retry}.deadline=9")
 
-    def run() -> None:
-        calls = LiveCalls(server, Transcript(None), policy, seed=0)
-        calls.pace = pace(tmp_path, requests=400)
-        answers.extend(calls.ask(Call(g, "rate", 0), ASK) for g in range(2))
+    def sources(*overrides: str) -> tuple[list[str], int]:
+        composed("supervisor=llm", *QUICK, *short, *overrides)  # once, not in four threads
+        with Strict() as server, ThreadPoolExecutor(4) as pool:
+            folders = [tmp_path / f"{len(overrides)}{k}" for k in range(4)]
+            runs = pool.map(lambda folder: live(server, folder, *short, *overrides), folders)
+            records = [step.record.guidance for steps in runs for step in steps[:-1]]
+        return [g.source for g in records if g is not None], server.refused
 
-    threads = [Thread(target=run) for _ in range(4)]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    assert len(answers) == 8
-    assert server.refused == 0
+    shared, refused = sources("supervisor.policy.per_minute.requests=1000")
+    alone, refused_alone = sources()
+    assert shared == ["llm"] * 4 * 3
+    assert "fallback" in alone
+    assert refused < refused_alone / 4
 
 
 def test_without_limits_nobody_waits() -> None:

@@ -30,6 +30,7 @@ from islandgp.errors import DomainError
 FORMATS: Final = ("lark", "gbnf")
 MAX_WORDS: Final = 100  # most characters of an explanation
 MAX_CHILDREN_NESTED: Final = 4  # most terms beside each other where brackets are allowed
+MAX_TERMS_IN_JSON: Final = 3  # the same in JSON, and most terms: a small model would go on
 COARSE: Final = 10  # in JSON, thresholds of wider ranges are whole numbers
 _WORDS: Final = f"[A-Z][a-z ,]{{10,{MAX_WORDS}}}[.]"
 _ANY_NUMBER: Final = "[-]?([0]|[1-9][0-9]{0,5})([.][0-9]{1,24})?"
@@ -76,8 +77,8 @@ def tree_grammar(
         kinds: of inner nodes that a tree may have.
         children: most children of a composite, >= 1.
         in_json: True: for texts inside a JSON string: on one line, with quotes escaped, with an
-            inner node as the root, with two children or more of each composite, and with thresholds
-            within the ranges of their keys.
+            inner node as the root, with two children or more of each composite, with short
+            conditions, and with thresholds within the ranges of their keys.
 
     Raises:
         DomainError: the vocabulary has no action.
@@ -141,19 +142,32 @@ def answer_grammar(schema: Mapping[str, Any], tree: Grammar, rates: tuple[float,
 def edit_grammar(tree: Grammar, places: Mapping[str, Sequence[str]]) -> Grammar:
     """The grammar of a model's JSON answer with one edit that adds or replaces a branch.
 
+    A branch in front of a node has a guard, as the node could never run after one that never fails.
+
     Args:
         tree: grammar of the branch, for a JSON string.
         places: paths in the tree of each individual, by its id.
     """
+    (root,) = tree.rules[next(iter(tree.rules))][0]
+    guarded = tuple(parts for parts in tree.rules[root] if parts[0] == '"when"')
+    branches = {"replace": tree.rules[root], **({"front": guarded} if guarded else {})}
     answer = (
-        *(_literal('{"reasoning": '), "text", _literal(', "edits": [{"kind": '), "kind"),
-        *(_literal(', "of": '), "place", _literal(', "branch": ')),
-        *(*_QUOTE, next(iter(tree.rules)), *_QUOTE),
+        *(_literal('{"reasoning": '), "text", _literal(', "edits": [{"kind": '), "edit"),
         *(_literal(', "reason": '), "text", _literal("}]}")),
     )
     paths = (f'"{name}", "at": "{path}"' for name, each in places.items() for path in each)
-    rules = {"answer": (answer,), **_STRINGS, "kind": _choices(('"front"', '"replace"'))}
-    rules["place"] = _choices(paths)
+    rules = {"answer": (answer,), **_STRINGS, "place": _choices(paths)}
+    rules["edit"] = tuple(
+        (
+            _literal(f'"{kind}", "of": '),
+            "place",
+            _literal(', "branch": "'),
+            f"{kind}branch",
+            *_QUOTE,
+        )
+        for kind in branches
+    )
+    rules |= {f"{kind}branch": choices for kind, choices in branches.items()}
     return Grammar({**rules, **tree.rules}, {**tree.patterns, "WORDS": _WORDS})
 
 
@@ -216,19 +230,20 @@ class _Writer:
         return self.rule(f"{argument.sort.name.lower()}of{argument.name}", *words)
 
     def _condition(self) -> str:
-        """Rules for conditions; at most MAX_TERMS terms in all."""
-        keys, n = self.vocabulary.keys, MAX_CHILDREN_NESTED
+        """Rules for conditions; at most MAX_TERMS terms in all, fewer in JSON."""
+        keys, n = self.vocabulary.keys, MAX_TERMS_IN_JSON if self.in_json else MAX_CHILDREN_NESTED
+        terms = n if self.in_json else MAX_TERMS
         self.rule("atom", *(p for name in keys for p in self._comparisons(name, keys[name])))
         self.rule("term", ("atom",), ('"not "', "atom"))
         self.rule("joint", ('" and "',), ('" or "',))
         few = f"join2of{n}"
         self.rule("part", ("term",), ('"("', few, '")"'), ('"not ("', few, '")"'))
-        for name, item, most in (("join", "term", MAX_TERMS), ("mixed", "part", n)):
+        for name, item, most in (("join", "term", terms), ("mixed", "part", n)):
             for k in range(1, most + 1):
                 longer = [(item, "joint", f"{name}{k - 1}")] * (k > 1)
                 self.rule(f"{name}{k}", (item,), *longer)
         self.rule(few, ("term", "joint", f"join{n - 1}"))
-        return self.rule("condition", (f"join{MAX_TERMS}",), (f"mixed{n}",))
+        return self.rule("condition", (f"join{terms}",), (f"mixed{n}",))
 
     def _comparisons(self, name: str, key: Key) -> list[Parts]:
         if key.flag:

@@ -82,11 +82,12 @@ def _course(log: EpisodeLog, step_s: float) -> Iterator[str]:
         inside = [
             (e, points) for tick, e, points in log.credits if begin <= min(tick, ticks - 1) < end
         ]
-        times = Counter(event for event, _ in inside)
-        earned = ", ".join(f"{event} {n}x" for event, n in times.most_common(MAX_NAMED))
+        events = Counter(event for event, _ in inside)
+        earned = ", ".join(f"{event} {n}x" for event, n in events.most_common(MAX_NAMED))
         gain = sum(points for _, points in inside)
         tail = f"; {earned}: {in_points(gain, '+')} points" if inside else ""
-        yield f"- {begin * step_s:.0f} to {end * step_s:.0f} s: {shares or 'nothing'}{tail}"
+        times = f"{in_points(begin * step_s)} to {in_points(end * step_s)} s"
+        yield f"- {times}: {shares or 'nothing'}{tail}"
 
 
 def _ends(log: EpisodeLog) -> Iterator[str]:
@@ -123,17 +124,13 @@ def _keys(log: EpisodeLog, domain: Domain) -> Iterator[str]:
         low, trough = min(points)
         high, peak = max(points, key=lambda pair: (pair[0], -pair[1]))
         if low == high:
-            yield f"- {name}: {_number(low)} throughout"
+            yield f"- {name}: {in_points(low)} throughout"
             continue
         yield (
-            f"- {name}: {_number(points[0][0])} at first, {_number(points[-1][0])} at the end;"
-            f" least {_number(low)} at {trough * step_s:.0f} s, most {_number(high)} at"
-            f" {peak * step_s:.0f} s"
+            f"- {name}: {in_points(points[0][0])} at first, {in_points(points[-1][0])} at the end;"
+            f" least {in_points(low)} at {in_points(trough * step_s)} s,"
+            f" most {in_points(high)} at {in_points(peak * step_s)} s"
         )
-
-
-def _number(value: float) -> str:
-    return f"{round(value, 1) + 0.0:g}"
 
 
 def world_of(i: IndividualRecord, context: RunContext, now: GenerationView) -> tuple[Domain, int]:

@@ -238,7 +238,7 @@ class Sections:
         shown = [
             texts.parent(
                 *(i.id, known, listing(parse(i.tree, vocabulary))),
-                self._trace("It", known) if traced else "",
+                self._trace("", known) if traced else "",
             )
             for i, known in zip(parents, parents_of(self.view, self.context, count), strict=False)
         ]
