@@ -14,7 +14,7 @@ from time import perf_counter
 
 from islandgp.evaluation.base import Evaluator
 from islandgp.evolution.generation import EvaluatedGeneration, Parts, evaluate_generation
-from islandgp.evolution.search_calls import restored, updated_search
+from islandgp.evolution.search_calls import findings, restored, updated_search
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Advice
 from islandgp.gp.record import (
@@ -150,7 +150,7 @@ class _Loop:
         guidance = following = None
         if not stopped and not plan.last(g, state.spent + done.episodes + outside):
             waiting = perf_counter()
-            answer = self._answer(done, population)
+            answer = self._answer(state, done, population)
             waited = perf_counter() - waiting
             library = max(library, parts.library_episodes())
             outside = library - state.library + (0 if answer is None else answer.episodes)
@@ -200,14 +200,21 @@ class _Loop:
         self.recent.append(done.records)
         return Step(record, following, champion, cost, stopped, done.archive.elites)
 
-    def _answer(self, done: EvaluatedGeneration, population: PopulationState) -> Guidance | None:
+    def _answer(
+        self, state: RunState, done: EvaluatedGeneration, population: PopulationState
+    ) -> Guidance | None:
         """Asks the supervisor about a generation; the answer for the next one, if there is any."""
         plan, now = self.parts.plan, done.stats
         if now.generation + plan.switches.lag + 1 < plan.gp.generations:  # else it has no effect
             multipliers = plan.curriculum.multipliers(now.stage)
             elites = () if plan.switches.lag else done.archive.elites
+            learned = (
+                () if plan.switches.lag else findings(self.parts.search, state, plan.vocabulary)
+            )
             view = GenerationView(
-                now, done.worlds, multipliers, done.records, self.guidance, elites, done.trials
+                *(now, done.worlds, multipliers, done.records, self.guidance, elites),
+                trials=done.trials,
+                learned=tuple(learned),
             )
             self.queue.ask(population, view)
         return self.queue.answer(now.generation)

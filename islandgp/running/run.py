@@ -34,6 +34,7 @@ from islandgp.running.parts import (
     plan_of,
 )
 from islandgp.running.progress import Progress
+from islandgp.running.proposals import proposals
 from islandgp.running.report import RunTotals, is_mostly_fallback, report, summary, totals_of
 from islandgp.running.resume import about_run, choose
 from islandgp.supervision.base import (
@@ -124,7 +125,8 @@ def run(
                 _write_page(settings, target, status, curves)
             finally:
                 where = tracker.finish(status)
-        return _result(target, totals.costs, where)
+        stuck = bool(target.summary().get("nothing_works"))
+        return _result(target, totals.costs, where, *proposals(settings, stuck=stuck))
     except _CallbackError as stop:
         raise stop.error from None
     finally:
@@ -147,7 +149,7 @@ def _complete(target: RunFolder, tracker: Tracker, settings: Settings) -> RunRes
 
 
 def _result(target: RunFolder, costs: Sequence[Mapping[str, Any]], *notes: str) -> RunResult:
-    text = "\n".join((report(target, costs), *notes)).rstrip()
+    text = "\n".join((report(target, costs), *filter(None, notes))).rstrip()
     return RunResult(text, is_mostly_fallback(target.summary()))
 
 

@@ -128,6 +128,8 @@ class GenerationView:
     """The run's elites after this generation; edits may refer to them. () with `supervisor.lag`,
     and for the generations that a resumed run repeats from its records."""
     trials: tuple[EditTrial, ...] = ()  # edited trees that were evaluated
+    learned: tuple[str, ...] = ()
+    """What the search has found out before this generation, in sentences; () as for `archive`."""
 
 
 SUPERVISES: Final = ("make", "advise")

@@ -37,7 +37,7 @@ MAX_PAST_EDITS: Final = 8  # most earlier edits in a prompt
 NEIGHBOURS: Final = 3  # most individuals in a prompt besides the parents
 LINES: Final = 60  # most nodes of a listed tree
 
-RUN_VALUES: Final = ("earnings", "injected", "traces", "decisions")
+RUN_VALUES: Final = ("earnings", "injected", "traces", "decisions", "learned")
 EDIT_VALUES: Final = ("parents", "neighbours", "past_edits")
 """Variables of prompts that differ between generations."""
 
@@ -191,6 +191,8 @@ class Sections:
             values["injected"] = texts.injected(self.run.injected, shown)
         if "decisions" in names:
             values["decisions"] = texts.decisions(self.run.decisions)
+        if "learned" in names:
+            values["learned"] = "\n".join(f"- {s}" for s in self.view.learned[:ROWS])
         return values, episodes
 
     def _traces(self, rarest: Sequence[str], shown: Shown) -> tuple[str, int]:

@@ -190,6 +190,15 @@ class DecisionList:
     Memory: ClassVar[Any] = ListMemory
     uses: ClassVar[frozenset[str]] = frozenset()
 
+    @staticmethod
+    def suits(vocabulary: Vocabulary, stuck: bool) -> str:  # noqa: ARG004 # of all searches
+        """Why it suits a domain: all keys are numbers, and actions exclude each other; or ""."""
+        if any(key.flag or key.words for key in vocabulary.keys.values()) or not any(
+            len(moves) > 1 for moves in groups_of(vocabulary)
+        ):
+            return ""
+        return "all keys are numbers here, and it moves the numbers of all guards together"
+
     @classmethod
     def make(cls, settings: DecisionListSettings, context: SearchContext) -> DecisionList:
         """See `Search`. Raises ConfigError for a vocabulary without numbers or choices."""

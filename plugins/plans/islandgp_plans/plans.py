@@ -38,6 +38,7 @@ from islandgp.bt.core.node import (
     within,
 )
 from islandgp.bt.core.printer import head
+from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Evaluated, Origin
 from islandgp.gp.random_trees import weighted
@@ -93,6 +94,11 @@ class Plans(Racing):
     Memory: ClassVar[Any] = PlansMemory
     observer: ClassVar[Any] = ActionObserver
     settings: PlansSettings
+
+    @staticmethod
+    def suits(vocabulary: Vocabulary, stuck: bool) -> str:  # noqa: ARG004 # of all searches
+        """Why it suits a domain: chains of actions earn points, if nothing else has; or ""."""
+        return "it learns what each action needs and gives, and chains actions" if stuck else ""
 
     def __init__(self, settings: PlansSettings, plan: Plan, library: Sequence[Node]) -> None:
         super().__init__(settings, plan, library)

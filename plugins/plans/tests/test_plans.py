@@ -33,6 +33,7 @@ from islandgp.scoring.classes import Classes
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.search.breeding import digest
 from islandgp.search.racing import RacingMemory
+from islandgp.supervision.base import GenerationView
 from islandgp_plans.action_models import ActionModel, ActionSample, Learner, recorded
 from islandgp_plans.action_observer import ActionObserver
 from islandgp_plans.neutral import Screen
@@ -135,6 +136,26 @@ def test_workers_and_resumed_runs_have_the_same_records(tmp_path: Path) -> None:
     rest = run(start=replace(checkpoint, history=state.history))
     assert list(lines(rest)) == list(lines(straight()))[16:]
     assert (tmp_path / "checkpoint.json").stat().st_size < 200_000
+
+
+class Reader(Constant):
+    """A supervisor that reads what the search has learned."""
+
+    read: tuple[str, ...] = ()
+
+    def on_generation(self, generation: GenerationView) -> None:
+        """See `GenerationListener`."""
+        self.read = generation.learned
+
+
+def test_a_supervisor_is_told_what_was_learned() -> None:
+    """The sentences of the actions, as after the run."""
+    search, plan = parts()
+    reader = Reader(0)
+    *_, before, _, _ = evolve(plan, 1, reader, Serial(PROBLEM), search=search)
+    assert before.state is not None
+    assert list(reader.read) == search.findings(before.state.memory)
+    assert any(sentence.startswith("Open needs ") for sentence in reader.read)
 
 
 def test_a_plan_achieves_what_an_action_needs_in_order() -> None:
@@ -253,6 +274,27 @@ def test_the_commands_of_the_page_compose(monkeypatch: pytest.MonkeyPatch) -> No
             overrides = [word for word in words if "=" in word]
             assert islandgp.compose(*overrides, config_dir=folder).settings.search.name == "plans"
         assert found
+
+
+@pytest.mark.parametrize(
+    ("setting", "proposed"),
+    [
+        ("domain=hospital", ["plans"]),
+        ("domain=cartpole", ["decision_list", "plans"]),
+        ("domain=hospital search=plans", []),
+    ],
+)
+def test_a_run_in_which_nothing_works_proposes_a_search(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, setting: str, proposed: list[str]
+) -> None:
+    """Installed searches say for what they are; `decision_list` for keys that are numbers."""
+    chains = ROOT / "plugins/plans/chains"
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(chains))
+    small = ("gp.population=4", "gp.generations=2", "world.ticks=20", "supervisor=baseline")
+    folder = ["--config-dir", str(chains / "conf"), "tracking=off", "evaluator=serial"]
+    text = CliRunner().invoke(command, ["run", *folder, *setting.split(), *small]).output
+    assert re.findall(r"^Perhaps `search=(\w+)`: ", text, re.M) == proposed, text
 
 
 def test_what_was_learned_is_printed_and_explained(
