@@ -17,7 +17,7 @@ from islandgp.compare.champions import (
 )
 from islandgp.errors import ConfigError, RunError
 from islandgp.evaluation.base import Problem
-from islandgp.evolution.candidates import Candidate, CandidatesByFitness
+from islandgp.evolution.candidates import Candidate, by_fitness
 from islandgp.evolution.validation import validate, validation_seeds
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import TASK
@@ -145,10 +145,15 @@ def _candidates(
 ) -> list[Candidate]:
     """All trees of a run's last stage, or the best robot of each run of a sweep."""
     if len(runs) == 1:
-        everyone = CandidatesByFitness(
-            classes, most=sys.maxsize, top=sys.maxsize, tier=tier, constraints=constraints
+        trees = by_fitness(
+            runs[0].records(),
+            classes,
+            most=sys.maxsize,
+            top=sys.maxsize,
+            tier=tier,
+            constraints=constraints,
         )
-        if not (trees := everyone.best_of(runs[0].records())):
+        if not trees:
             raise RunError(
                 f"Expected {tier} robots in the last stage of {runs[0].path}, found none."
             )

@@ -1,11 +1,11 @@
 """Shortens a tree as far as its fitness, tiers and constraints allow.
 
-Trees of genetic programming carry nodes without effect (bloat). `shorten` tries shorter forms of a
-tree in the same worlds as the tree itself and keeps those without a loss, by sequential halving: a
+Trees of genetic programming carry nodes without effect (bloat). `Shortening` tries shorter forms of
+a tree in the same worlds as the tree itself and keeps those without a loss, by a sequential test: a
 form that loses clearly in a few worlds is rejected there. The nodes that run least are removed
 first, many at once while that holds, as in delta debugging (Zeller and Hildebrandt 2002,
 Simplifying and Isolating Failure-Inducing Input). The result is a front of trees from the
-longest to the shortest. As each of them was chosen in the worlds in which it was tried, `confirm`
+longest to the shortest. As each of them was chosen in the worlds in which it was tried, `prune`
 evaluates the front in fresh worlds and returns the shortest tree that holds there as well.
 """
 
@@ -36,7 +36,7 @@ from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.domain import Outcome
 from islandgp.scoring.classes import Classes, tiers
 from islandgp.scoring.constraints import Constraints, mean_violation
-from islandgp.scoring.explain import Run, usage
+from islandgp.scoring.explain import Evaluate, Run, usage
 
 FIRST: Final = 4  # worlds in which every form is tried
 BATCH: Final = 4  # forms that are tried at once
@@ -48,9 +48,6 @@ SEARCH_SHARE: Final = 0.6  # of the episodes that are left; others confirm the f
 CONFIRM_SHARE: Final = 0.25  # of all episodes, to confirm a front
 FORMS_TO_AFFORD: Final = 16  # forms that can be compared in all worlds, at least
 LEAST_EPISODES: Final = ceil(FIRST * FORMS_TO_AFFORD / SEARCH_SHARE)  # for a search
-
-Evaluate: TypeAlias = Callable[[Sequence[Node], Sequence[int]], list[list[Outcome]]]
-"""(trees, world seeds) -> the outcomes of each tree in each world."""
 
 
 class Pruning(BaseModel, frozen=True, extra="forbid"):
@@ -98,9 +95,18 @@ class Standard:
         """True if a tree with these outcomes can replace the original."""
         if fmean(self.differences(outcomes)) < -self.allowed or self._worse_in_kind(outcomes):
             return False
-        return self.is_feasible(outcomes)
+        return self._is_feasible(outcomes)
 
-    def is_feasible(self, outcomes: Sequence[Outcome]) -> bool:
+    def confirms(self, outcomes: Sequence[Outcome]) -> bool:
+        """True if a tree that was chosen elsewhere has these outcomes in fresh worlds and is kept.
+
+        It is unless its loss exceeds the tolerance by a standard error (the one-standard-error rule
+        of Breiman et al. 1984, Classification and Regression Trees, 3.4.3), or it loses a tier, a
+        behaviour or a constraint.
+        """
+        return not self.is_hopeless(outcomes) and self._is_feasible(outcomes)
+
+    def _is_feasible(self, outcomes: Sequence[Outcome]) -> bool:
         """True if a tree with these outcomes violates constraints no more than the original."""
         limit = mean_violation(self.outcomes[: len(outcomes)], self.keep.constraints)
         return mean_violation(outcomes, self.keep.constraints) <= limit
@@ -155,18 +161,31 @@ _Change: TypeAlias = tuple[tuple[str, ...], str, int]
 
 
 @dataclass
-class Bench:
-    """Evaluates trees in a sequence of worlds, each once, and counts the episodes."""
+class Shortening:
+    """A tree that becomes shorter in a sequence of worlds; each episode is run once and counted."""
 
     standard: Standard  # the original's outcomes in all worlds
     evaluate: Evaluate
     run: Run  # runs an observed episode
+    vocabulary: Vocabulary
     worlds: Sequence[int]
     episodes: int  # at most
-    spent: int = 0
-    known: dict[Node, list[Outcome]] = field(default_factory=dict)
+    spent: int
+    known: dict[Node, list[Outcome]]
+    front: list[Shortened] = field(default_factory=list)
+    """Each tree is shorter than the one before, or has a plainer condition."""
     last: Sequence[Outcome] = ()  # those of the last tree of the front, in all worlds
     ruinous: set[_Change] = field(default_factory=set)  # changes that lose NEEDED
+
+    def shorten(self, tree: Node) -> None:
+        """Shortens a tree step by step, while there are episodes."""
+        self.front = [Shortened(tree, "", 0.0)]
+        self.last = self.outcomes([tree], len(self.worlds))[0]
+        self._without_rare_nodes()
+        freed = partial(freed_forms, vocabulary=self.vocabulary)
+        for forms in (shorter_forms, freed, rounded_forms):
+            while self._pass(forms):
+                pass  # a change may allow others that were rejected before
 
     def outcomes(self, trees: Sequence[Node], worlds: int) -> list[list[Outcome]]:
         """The outcomes of each tree in the first worlds."""
@@ -179,80 +198,86 @@ class Bench:
                     self.known[tree] = [*self.known.get(tree, ()), *outcomes]
         return [self.known[tree][:worlds] for tree in trees]
 
-    def ticks(self, tree: Node) -> list[float]:
-        """In how many ticks of an episode each node runs, in document order."""
-        worlds = self.worlds[:OBSERVED]
-        self.spent += len(worlds)
-        return [node.ticks for node in usage(self.run, tree, worlds)]
-
     def affords(self, trees: int) -> bool:
         """True if the first worlds of some trees and all worlds of one are within the budget."""
         return self.spent + trees * FIRST + len(self.worlds) <= self.episodes
 
+    def _accept(self, tree: Node, change: str, outcomes: Sequence[Outcome]) -> None:
+        mean = fmean(self.standard.differences(outcomes))
+        self.front.append(Shortened(tree, change, mean))
+        self.last = outcomes
 
-def shorten(tree: Node, bench: Bench, vocabulary: Vocabulary) -> list[Shortened]:
-    """Shortens a tree step by step, while the bench has episodes.
+    def _without_rare_nodes(self) -> None:
+        """Removes the nodes that run least, many at once while that holds."""
+        tree, observed = self.front[0].tree, self.worlds[:OBSERVED]
+        ticks = [node.ticks for node in usage(self.run, tree, observed)]
+        self.spent += len(observed)
+        order = sorted(removable(tree), key=ticks.__getitem__)
+        gone, start, many = frozenset[int](), 0, max(1, len(order) // 2)
+        while start < len(order) and self.affords(1):
+            more = gone.union(order[start : start + many])
+            form = without(tree, more)
+            shorter = form and simplify(form, self.vocabulary).tree
+            outcomes = shorter and self._kept_outcomes(shorter)
+            if shorter and outcomes:
+                if shorter != self.front[-1].tree:
+                    self._accept(shorter, removal(tree, more - gone), outcomes)
+                gone, start = more, start + many
+            elif many == 1:
+                start += 1
+            else:
+                many //= 2
 
-    Returns:
-        The trees from `tree` to the shortest. Each is shorter than the one before, or has a plainer
-        condition.
-    """
-    front = [Shortened(tree, "", 0.0)]
-    bench.last = bench.outcomes([tree], len(bench.worlds))[0]
-    _without_rare_nodes(front, bench, vocabulary)
-    for forms in (shorter_forms, partial(freed_forms, vocabulary=vocabulary), rounded_forms):
-        while _pass(front, forms, bench, vocabulary):
-            pass  # a change may allow others that were rejected before
-    return front
+    def _pass(self, forms: Callable[[Node], list[ShorterForm]]) -> bool:
+        """Tries each form of the last tree once; the front gets those that keep the standard.
 
+        Returns:
+            True if there was one.
+        """
+        rejected, before = set(self.ruinous), len(self.front)
+        while (form := self._first_kept(forms(self.front[-1].tree), rejected)) is not None:
+            self._accept(simplify(form.tree, self.vocabulary).tree, form.change, self.last)
+        return len(self.front) > before
 
-def _without_rare_nodes(front: list[Shortened], bench: Bench, vocabulary: Vocabulary) -> None:
-    """Removes the nodes that run least from the last tree, many at once while that holds."""
-    tree = front[-1].tree
-    order = sorted(removable(tree), key=bench.ticks(tree).__getitem__)
-    gone, start, many = frozenset[int](), 0, max(1, len(order) // 2)
-    while start < len(order) and bench.affords(1):
-        more = gone.union(order[start : start + many])
-        form = without(tree, more)
-        shorter = form and simplify(form, vocabulary).tree
-        outcomes = shorter and _kept_outcomes(shorter, bench)
-        if shorter and outcomes:
-            bench.last = outcomes
-            if shorter != front[-1].tree:
-                change = removal(tree, more - gone)
-                mean = fmean(bench.standard.differences(outcomes))
-                front.append(Shortened(shorter, change, mean))
-            gone, start = more, start + many
-        elif many == 1:
-            start += 1
-        else:
-            many //= 2
+    def _first_kept(self, forms: list[ShorterForm], rejected: set[_Change]) -> ShorterForm | None:
+        """The first form that keeps the standard, whose outcomes are then `last`.
 
+        None: there is none, or no budget. Forms that do not are added to `rejected`.
+        """
+        untried = [pair for pair in _numbered(forms) if pair[0] not in rejected]
+        for start in range(0, len(untried), BATCH):
+            batch = untried[start : start + BATCH]
+            if not self.affords(len(batch)):
+                return None
+            self.outcomes([form.tree for _, form in batch], FIRST)
+            for change, form in batch:
+                if not self.affords(0):
+                    return None
+                if (outcomes := self._kept_outcomes(form.tree)) is not None:
+                    self.last = outcomes
+                    return form
+                if self.standard.is_ruined(self.known[form.tree]):
+                    self.ruinous.add(change)
+                rejected.add(change)
+        return None
 
-def _pass(
-    front: list[Shortened],
-    forms: Callable[[Node], list[ShorterForm]],
-    bench: Bench,
-    vocabulary: Vocabulary,
-) -> bool:
-    """Tries each form of the last tree once, and adds those that keep the standard to the front.
+    def _kept_outcomes(self, tree: Node) -> Sequence[Outcome] | None:
+        """The outcomes of a tree in all worlds if it keeps the standard, else None.
 
-    Returns:
-        True if there was one.
-    """
-    rejected = set(bench.ruinous)
-    before = len(front)
-    while True:
-        candidates = [
-            (change, form)
-            for change, form in _numbered(forms(front[-1].tree))
-            if change not in rejected
-        ]
-        kept = _first_kept(candidates, bench, rejected)
-        if kept is None:
-            return len(front) > before
-        mean = fmean(bench.standard.differences(bench.last))
-        front.append(Shortened(simplify(kept.tree, vocabulary).tree, kept.change, mean))
+        A tree that loses clearly in few worlds is not tried in more; nor is one whose outcomes
+        equal those of the last tree of the front in twice FIRST worlds, as it probably behaves as
+        that one.
+        """
+        standard, everywhere = self.standard, len(self.worlds)
+        for worlds in (FIRST, 2 * FIRST):
+            if worlds < everywhere:
+                outcomes = self.outcomes([tree], worlds)[0]
+                if standard.is_hopeless(outcomes):
+                    return None
+                if worlds > FIRST and outcomes == list(self.last[:worlds]):
+                    return self.last
+        outcomes = self.outcomes([tree], everywhere)[0]
+        return outcomes if standard.keeps(outcomes) else None
 
 
 def _numbered(forms: Iterable[ShorterForm]) -> Iterator[tuple[_Change, ShorterForm]]:
@@ -262,48 +287,6 @@ def _numbered(forms: Iterable[ShorterForm]) -> Iterator[tuple[_Change, ShorterFo
         key = form.above, form.change
         yield (*key, seen[key]), form
         seen[key] += 1
-
-
-def _first_kept(
-    candidates: Sequence[tuple[_Change, ShorterForm]], bench: Bench, rejected: set[_Change]
-) -> ShorterForm | None:
-    """The first form that keeps the standard; None: there is none, or no budget.
-
-    Forms that do not are added to `rejected`.
-    """
-    for start in range(0, len(candidates), BATCH):
-        batch = candidates[start : start + BATCH]
-        if not bench.affords(len(batch)):
-            return None
-        bench.outcomes([form.tree for _, form in batch], FIRST)
-        for change, form in batch:
-            if not bench.affords(0):
-                return None
-            if (outcomes := _kept_outcomes(form.tree, bench)) is not None:
-                bench.last = outcomes
-                return form
-            if bench.standard.is_ruined(bench.known[form.tree]):
-                bench.ruinous.add(change)
-            rejected.add(change)
-    return None
-
-
-def _kept_outcomes(tree: Node, bench: Bench) -> Sequence[Outcome] | None:
-    """The outcomes of a tree in all worlds if it keeps the standard, else None.
-
-    A tree that loses clearly in few worlds is not tried in more; nor is one whose outcomes equal
-    those of the last tree of the front in twice FIRST worlds, as it probably behaves as that one.
-    """
-    standard, everywhere = bench.standard, len(bench.worlds)
-    for worlds in (FIRST, 2 * FIRST):
-        if worlds < everywhere:
-            outcomes = bench.outcomes([tree], worlds)[0]
-            if standard.is_hopeless(outcomes):
-                return None
-            if worlds > FIRST and outcomes == list(bench.last[:worlds]):
-                return bench.last
-    outcomes = bench.outcomes([tree], everywhere)[0]
-    return outcomes if standard.keeps(outcomes) else None
 
 
 def thinned(front: Sequence[Shortened], most: int) -> list[Shortened]:
@@ -327,39 +310,6 @@ class Confirmed:
     tree: Node
     differences: tuple[float, ...]  # points by world, to the original in the same world
     kept: bool  # True: it keeps the standard of the original
-
-
-def confirm(
-    original: Node,
-    trees: Sequence[Node],
-    evaluate: Evaluate,
-    worlds: Sequence[int],
-    keep: Keep,
-) -> list[Confirmed]:
-    """Compares shorter trees with the original in fresh worlds.
-
-    Args:
-        original: the long tree.
-        trees: from `shorten`.
-        evaluate: runs episodes.
-        worlds: at least one seed, none of those in which the trees were made.
-        keep: what a shorter tree must keep.
-
-    Returns:
-        An entry for each tree. A tree is kept unless its loss exceeds the tolerance by a standard
-        error (the one-standard-error rule of Breiman et al. 1984, Classification and Regression
-        Trees, 3.4.3), or it loses a tier, a behaviour or a constraint.
-    """
-    reference, *outcomes = evaluate([original, *trees], worlds)
-    standard = Standard(reference, keep)
-    return [
-        Confirmed(
-            tree,
-            tuple(standard.differences(own)),
-            not standard.is_hopeless(own) and standard.is_feasible(own),
-        )
-        for tree, own in zip(trees, outcomes, strict=True)
-    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -417,17 +367,23 @@ def prune(
         seeds = worlds(count)
         (reference,) = evaluate([simple], seeds)
         earns_nothing = not any(outcome.fitness for outcome in reference)
-        bench = Bench(
-            Standard(reference, keep), evaluate, run, seeds, search, count, {simple: reference}
-        )
-        new = [] if earns_nothing else shorten(steps[-1].tree, bench, vocabulary)
+        standard, known = Standard(reference, keep), {simple: reference}
+        bench = Shortening(standard, evaluate, run, vocabulary, seeds, search, count, known)
+        if not earns_nothing:
+            bench.shorten(steps[-1].tree)
+        new = bench.front
         spent += bench.spent
         trees = [step.tree for step in thinned(new[1:], FRONT)]
         if not trees:
             break
         left = min(episodes - spent, int(CONFIRM_SHARE * episodes))
         fresh = worlds(max(1, left // (len(trees) + 1)))
-        confirmed = confirm(simple, trees, evaluate, fresh, keep)
+        reference, *others = evaluate([simple, *trees], fresh)
+        standard = Standard(reference, keep)
+        confirmed = [
+            Confirmed(tree, tuple(standard.differences(own)), standard.confirms(own))
+            for tree, own in zip(trees, others, strict=True)
+        ]
         spent += len(fresh) * (len(trees) + 1)
         front += confirmed
         kept = [each.tree for each in confirmed if each.kept]

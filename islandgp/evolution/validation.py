@@ -16,8 +16,9 @@ from types import MappingProxyType
 from typing import Any, Final
 
 from islandgp.domain import Outcome
-from islandgp.evaluation.base import Evaluator, Job
+from islandgp.evaluation.base import Evaluator, evaluated
 from islandgp.evolution.candidates import Candidate
+from islandgp.gp.selection import halved
 from islandgp.plain import NanAsNull
 from islandgp.scoring.classes import Classes, tiers
 from islandgp.scoring.constraints import (
@@ -126,7 +127,7 @@ def rounds(n: int, episodes: int) -> list[tuple[int, int]]:
     """The numbers of candidates and of new worlds of each round, for about `episodes` episodes."""
     sizes = [n]
     while sizes[-1] > FINALISTS:
-        sizes.append(max(FINALISTS, (sizes[-1] + 1) // 2))
+        sizes.append(halved(sizes[-1], FINALISTS))
     each = episodes // len(sizes)
     return [(size, max(1, each // size)) for size in sizes]
 
@@ -161,22 +162,19 @@ def validate(
     results = {candidate: list[Outcome]() for candidate in candidates}
     tried = 0  # worlds so far
 
-    def worth(c: Candidate) -> Merit:
+    def rank_key(c: Candidate) -> Merit:
         """By the outcomes so far; before the first round, by training."""
         if not results[c]:
             return c.merit
         return merit(fmean(o.fitness for o in results[c]), mean_violation(results[c], constraints))
 
     for size, new in rounds(len(candidates), episodes):
-        ranked = sorted(results, key=worth, reverse=True)[:size]
+        ranked = sorted(results, key=rank_key, reverse=True)[:size]
         batch = worlds[tried : tried + new]
-        outcomes = evaluator.evaluate([Job(c.tree, stage, w) for c in ranked for w in batch])
-        results = {
-            c: [*results[c], *outcomes[k * len(batch) : (k + 1) * len(batch)]]
-            for k, c in enumerate(ranked)
-        }
+        outcomes = evaluated(evaluator, [c.tree for c in ranked], stage, batch)
+        results = {c: results[c] + new for c, new in zip(ranked, outcomes, strict=True)}
         tried += len(batch)
-    order = sorted(results, key=worth, reverse=True)
+    order = sorted(results, key=rank_key, reverse=True)
     return [(c, judged(worlds[:tried], results[c], classes, constraints)) for c in order]
 
 

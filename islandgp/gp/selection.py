@@ -27,6 +27,11 @@ def by_rank(rng: np.random.Generator, ranked: Sequence[T], entrants: int = 2) ->
     return ranked[int(rng.integers(len(ranked), size=entrants).min())]
 
 
+def halved(n: int, fewest: int) -> int:
+    """The number of candidates that stay after a round of successive halving."""
+    return max(fewest, (n + 1) // 2)
+
+
 Selection = Callable[[np.random.Generator, Sequence[Evaluated], int], Evaluated]
 
 SELECTIONS: Final[dict[str, Selection]] = {"tournament": tournament}

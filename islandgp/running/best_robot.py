@@ -12,12 +12,7 @@ from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.config.settings import Settings
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Evaluator, evaluated
-from islandgp.evolution.candidates import (
-    Candidate,
-    Candidates,
-    CandidatesByEvidence,
-    CandidatesByFitness,
-)
+from islandgp.evolution.candidates import Candidate, by_evidence, by_fitness
 from islandgp.evolution.prune import Keep, PruneResult, prune
 from islandgp.evolution.validation import (
     Best,
@@ -44,12 +39,13 @@ EXPLAIN_WORLDS = 10  # in which a tree is explained, at most
 FIRST_BEST = "best tree of generation 0"
 
 
-def candidates_of(settings: Settings) -> Candidates:
-    """Collects the candidates for a run's best robot, by evidence or by the paper's fitness."""
+def candidates_of(settings: Settings, target: RunFolder) -> list[Candidate]:
+    """The candidates for a run's best robot, by evidence or by the paper's fitness."""
+    records, constraints = target.records(), settings.constraints
     if settings.search.ranking == "evidence":
         shrinkage = settings.search.policy.get("shrinkage", SHRINKAGE)
-        return CandidatesByEvidence(constraints=settings.constraints, shrinkage=shrinkage)
-    return CandidatesByFitness(settings.classes, constraints=settings.constraints)
+        return by_evidence(records, constraints=constraints, shrinkage=shrinkage)
+    return by_fitness(records, settings.classes, constraints=constraints)
 
 
 def final_episodes(settings: Settings, totals: RunTotals) -> tuple[int, int, int]:
@@ -85,7 +81,7 @@ def best_robot(
     get the names that they have in the founders.
     """
     choice, pruning, test = final_episodes(settings, totals)
-    winner, choice_worlds = _chosen(settings, totals, evaluator, choice)
+    winner, choice_worlds = _chosen(settings, target, totals, evaluator, choice)
     problem, stage = settings.problem(), totals.stage
     vocabulary = problem.domain.schema.vocabulary
     used: list[int] = [*totals.worlds, *choice_worlds]
@@ -133,10 +129,14 @@ def best_robot(
 
 
 def _chosen(
-    settings: Settings, totals: RunTotals, evaluator: Evaluator, episodes: int
+    settings: Settings,
+    target: RunFolder,
+    totals: RunTotals,
+    evaluator: Evaluator,
+    episodes: int,
 ) -> tuple[Candidate, Sequence[int]]:
     """The best candidate, and the worlds in which the candidates were compared."""
-    contenders = totals.candidates.best()
+    contenders = candidates_of(settings, target)
     if episodes < 1:
         return max(contenders, key=lambda c: c.merit), ()
     winner, verdict = validate(

@@ -8,7 +8,6 @@ from typing import Any, Final
 
 from islandgp.config.settings import Settings
 from islandgp.domain import total
-from islandgp.evolution.candidates import Candidates
 from islandgp.evolution.validation import Best, Validation
 from islandgp.gp.record import Step
 from islandgp.plain import nan_to_none
@@ -30,11 +29,10 @@ MOSTLY_FALLBACK: Final = (
 class RunTotals:
     """The values of all generations so far that a run's end and its page need.
 
-    They are collected while generations are written, so the records are not read again.
+    They are collected while generations are written.
     """
 
     curves: RunCurves
-    candidates: Candidates  # for the best robot
     worlds: set[int] = field(default_factory=set)  # seeds
     snapshots: list[Mapping[str, Any]] = field(default_factory=list)  # by generation
     costs: list[Mapping[str, Any]] = field(default_factory=list)  # by generation
@@ -51,7 +49,6 @@ class RunTotals:
         self.costs.append(cost)
         if (guidance := record["guidance"]) is not None:
             self.decisions.append({key: guidance[key] for key in ("source", "asked_at")})
-        self.candidates.add(record)
 
     @property
     def stage(self) -> int:
@@ -64,9 +61,9 @@ class RunTotals:
         return self.curves.episodes
 
 
-def totals_of(folder: RunFolder, candidates: Candidates) -> RunTotals:
+def totals_of(folder: RunFolder) -> RunTotals:
     """The totals of the generations in a run's folder. Raises RunError."""
-    totals = RunTotals(RunCurves.of(folder), candidates)
+    totals = RunTotals(RunCurves.of(folder))
     for record, cost in zip(folder.records(), folder.costs(), strict=False):
         totals.add(record, cost)
     return totals

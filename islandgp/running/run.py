@@ -25,7 +25,7 @@ from islandgp.records.archive_file import ArchiveFile
 from islandgp.records.files import PAGE
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import redacted
-from islandgp.running.best_robot import best_robot, candidates_of
+from islandgp.running.best_robot import best_robot
 from islandgp.running.parts import (
     LibraryCost,
     make_evaluator,
@@ -188,7 +188,7 @@ def _evolve(
     if on_generation is not None:
         for record in islice(target.generations(), done):
             _call(on_generation, record)
-    totals = totals_of(target, candidates_of(settings))
+    totals = totals_of(target)
     needs_past = isinstance(supervisor, GenerationListener) or plan.switches.edits
     evaluator, search, state = make_evaluator(settings), make_search(settings, plan), start
     steps = evolve(

@@ -22,6 +22,7 @@ from islandgp.errors import ConfigError
 from islandgp.gp.evidence import Evidence, with_evaluation
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Advice, Evaluated, Individual, Origin
+from islandgp.gp.selection import halved
 from islandgp.scoring.constraints import Merit, limited, merit, violation
 from islandgp.search.base import SearchContext, SearchState
 from islandgp.seeding import Stream, Streams
@@ -154,5 +155,5 @@ class Compose:
             return merit(points, violation(each.means, limits))
 
         ranked = sorted(lists, key=rank, reverse=True)
-        remaining = max(self.settings.finalists, (len(ranked) + 1) // 2)
-        return SearchState(state.generation + 1, Racers(tuple(ranked[:remaining])))
+        remaining = ranked[: halved(len(ranked), self.settings.finalists)]
+        return SearchState(state.generation + 1, Racers(tuple(remaining)))

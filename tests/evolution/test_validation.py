@@ -16,8 +16,8 @@ from islandgp.evolution.candidates import (
     MAX_CANDIDATES,
     PART,
     Candidate,
-    CandidatesByEvidence,
-    CandidatesByFitness,
+    by_evidence,
+    by_fitness,
 )
 from islandgp.evolution.validation import (
     FINALISTS,
@@ -87,7 +87,7 @@ class Worlds:
 def test_candidates_are_of_the_last_stage() -> None:
     """A high fitness under other multipliers does not count; the best of a tier does."""
     records = [record(0, 0, 99, 98), record(1, 1, 5, 4, 3, 7), record(2, 1, 6, 2)]
-    pool = CandidatesByFitness(CLASSES).best_of(records)
+    pool = by_fitness(records, CLASSES)
     assert {c.generation for c in pool} == {1, 2}
     assert {"tree 1.3\n", "tree 1.2\n"} <= {c.tree for c in pool}, "of a tier, of a behaviour"
     assert len({c.tree for c in pool}) == len(pool)
@@ -95,7 +95,7 @@ def test_candidates_are_of_the_last_stage() -> None:
 
 def test_candidates_are_few() -> None:
     """However long the stage is."""
-    pool = CandidatesByFitness(CLASSES).best_of(record(g, 0, 1, 2, 3) for g in range(100))
+    pool = by_fitness((record(g, 0, 1, 2, 3) for g in range(100)), CLASSES)
     assert len(pool) == MAX_CANDIDATES
 
 
@@ -184,6 +184,6 @@ def test_each_part_of_a_long_run_has_candidates() -> None:
         }
 
     long = [record(generation) for generation in range(2 * PART)]
-    assert [c.tree for c in CandidatesByEvidence(most=2).best_of(long)] == ["a1", "a0"]
+    assert [c.tree for c in by_evidence(long, most=2)] == ["a1", "a0"]
     short = long[1:]
-    assert [c.tree for c in CandidatesByEvidence(most=2).best_of(short)] == ["a1", "b1"]
+    assert [c.tree for c in by_evidence(short, most=2)] == ["a1", "b1"]

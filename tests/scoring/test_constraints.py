@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from typing import Any
 
 import pytest
@@ -14,7 +13,7 @@ from islandgp.config.settings import read_settings
 from islandgp.domain import Outcome
 from islandgp.errors import ConfigError, RunError
 from islandgp.evaluation.base import Job
-from islandgp.evolution.candidates import Candidate, CandidatesByEvidence, CandidatesByFitness
+from islandgp.evolution.candidates import Candidate, by_evidence, by_fitness
 from islandgp.evolution.validation import validate
 from islandgp.gp.plan import Stop
 from islandgp.scoring.constraints import (
@@ -161,14 +160,13 @@ def test_candidates_come_feasible_first() -> None:
         record(0, ("fit", 90, 8), ("good", 50, 0), ("odd", 70, 3)),
         record(1, ("fit", 95, 8), ("good", 40, 1), ("odd", 70, 0)),
     ]
-    by_fitness = partial(CandidatesByFitness, CLASSES, top=1)
-    feasible_first = by_fitness(most=2, constraints=NO_PICKUPS).best_of(records)
+    feasible_first = by_fitness(records, CLASSES, top=1, most=2, constraints=NO_PICKUPS)
     assert [c.tree for c in feasible_first] == ["odd", "good"]
-    free = by_fitness(most=1).best_of(records)
+    free = by_fitness(records, CLASSES, top=1, most=1)
     assert [c.tree for c in free] == ["fit"]
-    by_evidence = CandidatesByEvidence(constraints=NO_PICKUPS).best_of(records)
-    assert [c.tree for c in by_evidence] == ["good", "odd", "fit"]  # odd has 1.5 on average
-    assert next(c.tree for c in CandidatesByEvidence().best_of(records)) == "fit"
+    proven = by_evidence(records, constraints=NO_PICKUPS)
+    assert [c.tree for c in proven] == ["good", "odd", "fit"]  # odd has 1.5 on average
+    assert by_evidence(records)[0].tree == "fit"
 
 
 def test_a_search_remembers_means() -> None:

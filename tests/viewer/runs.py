@@ -16,7 +16,6 @@ from islandgp.records.archive_file import ArchiveFile
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder
 from islandgp.records.manifest import add_to_manifest
-from islandgp.running.best_robot import candidates_of
 from islandgp.running.report import summary, totals_of
 from tests.composed import composed, plain
 from tests.evolution.runs import SMALL, plan, run
@@ -70,7 +69,7 @@ def closed_run(
         folder.append(step)
     if complete:
         settings, elites = composed(*SMALL), steps[-1].archive
-        totals = totals_of(folder, candidates_of(settings))
+        totals = totals_of(folder)
         best = best_of(steps[-1].champion, VALIDATION)
         axes = plan().archive.axes(CLASSES)
         record = archive_record(elites, axes, floor=0)
