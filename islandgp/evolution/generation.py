@@ -8,6 +8,7 @@ from math import inf
 from time import perf_counter
 
 from islandgp.bt.core.language import to_text
+from islandgp.bt.core.node import size
 from islandgp.domain import Outcome, total
 from islandgp.evaluation.base import Evaluator, Job, evaluated
 from islandgp.evolution.search_calls import asked_of
@@ -65,19 +66,13 @@ def evaluate_generation(
     plan, g = parts.plan, state.generation
     worlds = training_seeds(plan, parts.streams.seed, g)
     individuals = asked_of(parts.search, search_state, parts.streams, plan)
-    population, texts, started = evaluate(plan, g, individuals, worlds, parts.evaluator)
-    archive = archived(parts, state.archive, population, texts, worlds, g)
+    population, records, started = evaluate(plan, g, individuals, worlds, parts.evaluator)
+    archive = archived(parts, state.archive, population, records, worlds, g)
     trials, of_trials = compare_with_parents(
-        plan,
-        population,
-        texts,
-        worlds,
-        state.edit_parents,
-        parts.evaluator,
-        stage=plan.curriculum.stage(g),
+        parts, population, records, worlds, state.edit_parents, stage=plan.curriculum.stage(g)
     )
     seconds = perf_counter() - started
-    stats, records = summarized(plan, g, state.advice.rate, population, texts)
+    stats = statistics_of(plan, g, state.advice.rate, population)
     return EvaluatedGeneration(
         worlds,
         population,
@@ -90,26 +85,20 @@ def evaluate_generation(
     )
 
 
-def summarized(
-    plan: Plan,
-    generation: int,
-    rate: float,
-    population: Sequence[Evaluated],
-    texts: Sequence[str],
-) -> tuple[GenerationStats, tuple[IndividualRecord, ...]]:
-    """The statistics of a generation that was created with `rate`, and its individuals' records."""
-    records = tuple([to_record(e, text) for e, text in zip(population, texts, strict=True)])
-    stats = generation_stats(
+def statistics_of(
+    plan: Plan, generation: int, rate: float, population: Sequence[Evaluated]
+) -> GenerationStats:
+    """The statistics of a generation that was created with `rate`."""
+    return generation_stats(
         [e.outcome for e in population],
         [e.labels for e in population],
-        [record.nodes for record in records],
+        [size(e.individual.tree) for e in population],
         plan.classes,
         plan.curriculum,
         generation=generation,
         rate=rate,
         constraints=plan.constraints,
     )
-    return stats, records
 
 
 def training_seeds(plan: Plan, seed: int, generation: int) -> tuple[int, ...]:
@@ -120,14 +109,21 @@ def training_seeds(plan: Plan, seed: int, generation: int) -> tuple[int, ...]:
     return tuple(seed_of(seed, Stream.WORLD, generation=drawn_at, slot=i) for i in range(n))
 
 
+def worlds_of(plan: Plan, worlds: Sequence[int], slot: int) -> tuple[int, ...]:
+    """The worlds of the individual in a slot, of the worlds of a generation."""
+    n = plan.gp.episodes
+    at = 0 if plan.gp.shared_seed else slot * n
+    return tuple(worlds[at : at + n])
+
+
 def evaluate(
     plan: Plan,
     generation: int,
     individuals: Iterable[Individual],
     worlds: Sequence[int],
     evaluator: Evaluator,
-) -> tuple[tuple[Evaluated, ...], list[str], float]:
-    """The evaluated individuals, their canonical texts, and when their episodes started.
+) -> tuple[tuple[Evaluated, ...], tuple[IndividualRecord, ...], float]:
+    """The evaluated individuals, their records, and when their episodes started.
 
     Episodes start while the next individuals are made, if the evaluator supports it.
     """
@@ -142,8 +138,7 @@ def evaluate(
             made.append(individual)
             texts.append(to_text(individual.tree))
             first = min(first, perf_counter())
-            at = 0 if plan.gp.shared_seed else slot * n
-            for world in worlds[at : at + n]:
+            for world in worlds_of(plan, worlds, slot):
                 yield Job(texts[-1], stage, world, individual.tree)
 
     early = getattr(evaluator, "early", False)
@@ -157,7 +152,8 @@ def evaluate(
         excess = violation(o.counters, plan.constraints)
         labels = classify(o, plan.classes)
         results.append(Evaluated(individual, o, labels, o.fitness, points, excess))
-    return tuple(results), texts, first if early else started
+    records = tuple([to_record(e, text) for e, text in zip(results, texts, strict=True)])
+    return tuple(results), records, first if early else started
 
 
 def mean_outcome(outcomes: Sequence[Outcome]) -> Outcome:
@@ -174,11 +170,16 @@ def mean_outcome(outcomes: Sequence[Outcome]) -> Outcome:
     )
 
 
+def mean_fitness(outcomes: Sequence[Outcome]) -> float:
+    """The mean fitness of several episodes, points."""
+    return float(total(o.fitness for o in outcomes) / len(outcomes))
+
+
 def archived(
     parts: Parts,
     before: Sequence[Elite],
     population: Sequence[Evaluated],
-    texts: Sequence[str],
+    records: Sequence[IndividualRecord],
     worlds: Sequence[int],
     generation: int,
 ) -> ArchiveUpdate:
@@ -189,43 +190,41 @@ def archived(
         seed_of(seed, Stream.ARCHIVE, generation=generation, slot=i)
         for i in range(plan.archive.reevaluations)
     ]
-    nodes = {text: e.individual.tree for text, e in zip(texts, population, strict=True)}
+    nodes = {r.tree: e.individual.tree for r, e in zip(records, population, strict=True)}
     axes = plan.archive.axes(plan.classes)
     individuals = [
-        Elite(
-            cell_of(e.outcome.counters, axes),
-            e.individual.id,
-            text,
-            stage,
-            n,
-            e.fitness,
-            worlds[0 if plan.gp.shared_seed else i * n],
+        (
+            Elite(
+                cell_of(e.outcome.counters, axes),
+                r.id,
+                r.tree,
+                stage,
+                n,
+                e.fitness,
+                worlds_of(plan, worlds, slot)[0],
+            ),
+            e.violation > 0,
         )
-        for i, (e, text) in enumerate(zip(population, texts, strict=True))
+        for slot, (e, r) in enumerate(zip(population, records, strict=True))
     ]
-    first = dict(zip(reversed(texts), reversed(population), strict=True))  # of equal trees
-    broken = {text for text, e in first.items() if e.violation}
 
     def reevaluate(trees: Sequence[str]) -> list[float | None]:
         asked = [nodes.get(text, text) for text in trees]
         results = evaluated(parts.evaluator, asked, stage, worlds_of_elites)
         return [
-            None
-            if mean_violation(outcomes, plan.constraints)
-            else total(o.fitness for o in outcomes) / len(outcomes)
+            None if mean_violation(outcomes, plan.constraints) else mean_fitness(outcomes)
             for outcomes in results
         ]
 
-    return update_archive(before, individuals, broken, axes, plan.archive, reevaluate)
+    return update_archive(before, individuals, axes, plan.archive, reevaluate)
 
 
 def compare_with_parents(
-    plan: Plan,
+    parts: Parts,
     population: Sequence[Evaluated],
-    texts: Sequence[str],
+    records: Sequence[IndividualRecord],
     worlds: Sequence[int],
     parents: Mapping[str, str],
-    evaluator: Evaluator,
     *,
     stage: int,
 ) -> tuple[tuple[EditTrial, ...], int]:
@@ -235,36 +234,28 @@ def compare_with_parents(
     evaluated again.
 
     Args:
-        plan: of the run.
+        parts: of the run.
         population: the generation, evaluated.
-        texts: the canonical texts of its trees.
+        records: of its individuals.
         worlds: of the generation.
         parents: texts of the original trees by id.
-        evaluator: runs the episodes.
         stage: of the curriculum.
 
     Returns:
         The comparisons, and the number of additional episodes.
     """
-    n, common = plan.gp.episodes, plan.gp.shared_seed
-    fitnesses = {
-        (text, 0 if common else slot): e.fitness
-        for slot, (text, e) in enumerate(zip(texts, population, strict=True))
-    }
-    pairs = [
-        (e, parents[e.individual.parents[0]], 0 if common else slot)
-        for slot, e in enumerate(population)
+    seeds = [worlds_of(parts.plan, worlds, slot) for slot in range(len(population))]
+    fitness = {(r.tree, own): r.fitness for r, own in zip(records, seeds, strict=True)}
+    edited = [
+        (e.individual, (parents[e.individual.parents[0]], own), e.fitness)
+        for e, own in zip(population, seeds, strict=True)
         if e.individual.origin == Origin.EDITED and e.individual.parents[0] in parents
     ]
-    missing = [
-        key for key in dict.fromkeys((text, at) for _, text, at in pairs) if key not in fitnesses
-    ]
-    jobs = [Job(text, stage, worlds[at * n + k]) for text, at in missing for k in range(n)]
-    outcomes = evaluator.evaluate(jobs) if jobs else []
-    for k, key in enumerate(missing):
-        fitnesses[key] = float(total(o.fitness for o in outcomes[k * n : (k + 1) * n]) / n)
+    missing = [key for key in dict.fromkeys(key for _, key, _ in edited) if key not in fitness]
+    for text, own in missing:
+        (outcomes,) = evaluated(parts.evaluator, [text], stage, own)
+        fitness[text, own] = mean_fitness(outcomes)
     trials = tuple(
-        EditTrial(e.individual.id, e.individual.parents[0], e.fitness, fitnesses[text, at])
-        for e, text, at in pairs
+        EditTrial(i.id, i.parents[0], points, fitness[original]) for i, original, points in edited
     )
-    return trials, len(jobs)
+    return trials, len(missing) * parts.plan.gp.episodes

@@ -10,7 +10,7 @@ forever (Flageat and Cully 2020, arXiv 2003.13530).
 from __future__ import annotations
 
 from bisect import bisect_right
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from math import prod
@@ -128,8 +128,7 @@ def archive_record(
 
 def update_archive(
     before: Sequence[Elite],
-    individuals: Sequence[Elite],
-    broken: Collection[str],
+    individuals: Sequence[tuple[Elite, bool]],
     axes: Mapping[str, Sequence[float]],
     settings: ArchiveSettings,
     reevaluate: Reevaluate,
@@ -144,8 +143,8 @@ def update_archive(
 
     Args:
         before: the elites after the previous generation.
-        individuals: this generation's, each as the elite that it would be, in slot order.
-        broken: the trees of this generation that violate a constraint.
+        individuals: of this generation, in slot order: the elite that each would be, and whether
+            it violates a constraint.
         axes: the grid's edges by counter.
         settings: the floor, and the number of re-evaluations.
         reevaluate: called at most once, and not if `settings.reevaluations` is 0.
@@ -157,12 +156,12 @@ def update_archive(
     cell_of_elite = {e.tree: e.cell for e in before}
     challengers: dict[tuple[int, ...], Elite] = {}
     trees: set[str] = set()
-    for new in individuals:
+    for new, broken in individuals:
         if new.tree in trees:  # a duplicate, mostly evaluated in the same world
             continue
         trees.add(new.tree)
         cell = cell_of_elite.get(new.tree)
-        if new.tree in broken:
+        if broken:
             if cell is not None:
                 del elites[cell]
         elif cell is not None:

@@ -62,19 +62,22 @@ def after(
     """The archive after a generation of one episode in one world."""
     axes = settings.axes(CLASSES)
     elites = [
-        Elite(
-            cell_of(e.outcome.counters, axes),
-            e.individual.id,
-            f"{e.individual.tree.args[0]}\n",
-            stage,
-            1,
-            e.fitness,
-            world,
+        (
+            Elite(
+                cell_of(e.outcome.counters, axes),
+                e.individual.id,
+                f"{e.individual.tree.args[0]}\n",
+                stage,
+                1,
+                e.fitness,
+                world,
+            ),
+            False,
         )
         for e in individuals
     ]
     means = lambda trees: [fmean(o.fitness for o in row) for row in reevaluate(trees)]  # noqa: E731 -- of this test
-    return update_archive(before, elites, (), axes, settings, means)
+    return update_archive(before, elites, axes, settings, means)
 
 
 @pytest.mark.parametrize(

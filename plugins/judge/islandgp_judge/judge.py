@@ -32,7 +32,7 @@ from islandgp.config.settings import Settings
 from islandgp.errors import RunError
 from islandgp.evaluation.base import Job
 from islandgp.evaluation.serial import Serial
-from islandgp.evolution.generation import evaluate, summarized
+from islandgp.evolution.generation import evaluate, statistics_of
 from islandgp.evolution.loop import state_of_population
 from islandgp.gp.branches import random_branch, with_branch
 from islandgp.gp.edits import Edit, edited
@@ -152,8 +152,8 @@ def case_of(index: int, p: Population, settings: Settings) -> Case:
         Individual(f"{g}.{k}", parse(t, vocabulary), Origin.COPY) for k, t in enumerate(p.trees)
     ]
     evaluator = Serial(settings.problem())
-    evaluated, texts, _ = evaluate(plan, g, individuals, [p.world], evaluator)
-    stats, records = summarized(plan, g, gp.mutation_rate, evaluated, texts)
+    evaluated, records, _ = evaluate(plan, g, individuals, [p.world], evaluator)
+    stats = statistics_of(plan, g, gp.mutation_rate, evaluated)
     multipliers = plan.curriculum.multipliers(plan.curriculum.stage(g))
     view = GenerationView(stats, (p.world,), multipliers, records, None)
     parent = parents_of(view, context, 1)[0]
