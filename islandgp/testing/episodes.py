@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
+from math import inf
 from typing import Any, Final
 
 from islandgp.bt.core.engine import ABORTED
@@ -114,27 +115,29 @@ def tree_line(tree: Node, most: int = 200) -> str:
 
 def unreached(survey: Survey) -> Iterator[str]:
     """A line for what no tree has reached, by kind."""
-    domain, runs = survey.domain, survey.runs
-    schema, records = domain.schema, [run.record for run in runs]
-    outcomes = [outcome for run in runs for outcome in run.plain]
+    schema, records = survey.domain.schema, [run.record for run in survey.runs]
+    actions, keys = schema.vocabulary.actions, schema.vocabulary.keys
+    outcomes = [outcome for run in survey.runs for outcome in run.plain]
     counted = {n for n in schema.counters if any(o.counters.get(n) for o in outcomes)}
     seen = counted.union(*(record.events | record.credited.keys() for record in records))
-    paid: Any = getattr(getattr(domain, "rewards", None), "events", {})
-    observable = schema.events if isinstance(domain, SimulatorDomain) else paid
-    if events := [n for n in schema.events if n in observable and n not in seen]:
-        yield f"events never logged: {', '.join(events)}"
-    actions = schema.vocabulary.actions
+    paid: Any = getattr(getattr(survey.domain, "rewards", None), "events", {})
+    observable = schema.events if isinstance(survey.domain, SimulatorDomain) else paid
     done = {name for record in records for name, status in record.statuses if status == SUCCESS}
-    if unused := [n for n in actions if SUCCESS in actions[n].statuses and n not in done]:
-        yield f"actions that never succeeded: {', '.join(unused)}"
-    ends = {
-        name: {value for record in records if name in record.ends for value in record.ends[name]}
-        for name in schema.vocabulary.keys
-    }
-    if same := [f"{n} (always {min(e):g})" for n, e in ends.items() if len(e) == 1]:
-        yield f"keys that never changed: {', '.join(same)}"
-    if zero := [n for n in schema.counters if n not in counted and n not in schema.events]:
-        yield f"counters that stayed 0: {', '.join(zero)}"
+    ends = {n: {v for record in records for v in record.ends.get(n, ())} for n in keys}
+    for kind, names in {
+        "events never logged": [n for n in schema.events if n in observable and n not in seen],
+        "actions that never succeeded": [
+            n for n in actions if SUCCESS in actions[n].statuses and n not in done
+        ],
+        "keys that never changed": [
+            f"{n} (always {min(e):g})" for n, e in ends.items() if len(e) == 1
+        ],
+        "counters that stayed 0": [
+            n for n in schema.counters if n not in counted and n not in schema.events
+        ],
+    }.items():
+        if names:
+            yield f"{kind}: {', '.join(names)}"
 
 
 class Record(Observer):
@@ -151,7 +154,6 @@ class Record(Observer):
         self.events: set[str] = set()
         self.faults: dict[Promise, str] = {}
         self._schema, self._movers = schema, -1
-        self._board: tuple[float, ...] | None = None  # of the last tick
         self._actions = [n.action for n in walk(tree)]
 
     def firsts(self) -> set[Hashable]:
@@ -172,8 +174,7 @@ class Record(Observer):
         self.statuses.add((name, status))
         if status not in (declared := self._schema.vocabulary.actions[name].statuses):
             names = ", ".join(STATUS_NAMES[each] for each in sorted(declared))
-            line = f"Expected {name} to return {names}, found {STATUS_NAMES[status]}."
-            self.faults.setdefault(Promise.STATUSES, line)
+            self._fault(Promise.STATUSES, f"{name} to return {names}", f"{STATUS_NAMES[status]}.")
 
     def logged(self, event: str) -> None:
         """Called for each event of a stepped domain, with or without points."""
@@ -181,50 +182,13 @@ class Record(Observer):
 
     def tick(self, board: Sequence[float], scene: Scene | None) -> None:
         self.ticks += 1
-        if (now := tuple(board)) != self._board:
-            self._board = now
-            self._look_at_board(now)
-        if scene is not None:
+        self._look_at_board(board)
+        if isinstance(scene, Scene):
             self._look_at_scene(scene)
+        elif scene is not None:
+            self._fault(Promise.SCENES, "a Scene", f"{scene!r:.80}")
         if self.ticks <= FIRST_TICKS:
-            self.first_ticks.append((now, getattr(scene, "movers", ())))
-
-    def _look_at_board(self, board: tuple[float, ...]) -> None:
-        keys = self._schema.vocabulary.keys
-        if len(board) != len(keys):
-            line = f"Expected a value for each of the {len(keys)} keys, found {len(board)}"
-            self.faults.setdefault(Promise.RANGES, line)
-        for (name, key), value in zip(keys.items(), board, strict=False):
-            low, high = self.ends.get(name, (value, value))
-            self.ends[name] = min(low, value), max(high, value)
-            expected = ""
-            if key.flag and value not in (0, 1):
-                expected = f"0 or 1 of the flag {name}"
-            elif key.whole and value != int(value):
-                expected = f"a whole number of {name}"
-            elif not key.flag and not value >= key.low:
-                expected = f"{name} >= {key.low}"
-            elif not key.flag and key.most is not None and not value <= key.most:
-                expected = f"{name} <= {key.most}"
-            if expected:
-                self.faults.setdefault(Promise.RANGES, f"Expected {expected}, found {value}")
-        flags = zip(keys.values(), board, strict=False)
-        self.states.add(tuple(value for key, value in flags if key.flag))
-
-    def _look_at_scene(self, scene: Any) -> None:
-        if not isinstance(scene, Scene):
-            self.faults.setdefault(Promise.SCENES, f"Expected a Scene, found {scene!r:.80}")
-            return
-        for shape in (*scene.fixed, *scene.items, *scene.movers):
-            if shape.style not in self._schema.styles:
-                line = f"Expected a style of the schema, found {shape}"
-                self.faults.setdefault(Promise.SCENES, line)
-        if self._movers not in (-1, n := len(scene.movers)):
-            line = f"Expected as many movers in each tick, found {self._movers} and {n}"
-            self.faults.setdefault(Promise.SCENES, line)
-        self._movers = n
-        if scene.frame is not None and self.ticks <= FRAMES and (begin := scene.frame()[:8]) != PNG:
-            self.faults.setdefault(Promise.FRAMES, f"Expected a PNG, found {begin!r}...")
+            self.first_ticks.append((tuple(board), getattr(scene, "movers", ())))
 
     def credit(self, component: str, points: float, event: str, action: str) -> None:
         for kind, name, names in (
@@ -233,8 +197,36 @@ class Record(Observer):
             ("an action", action, {"", *self._schema.vocabulary.actions}),
         ):
             if name not in names:
-                line = f"Expected {kind} of the schema, found {name!r}"
-                self.faults.setdefault(Promise.CREDITS, line)
+                self._fault(Promise.CREDITS, f"{kind} of the schema", repr(name))
                 return
         self.points[component] += points
         self.credited[event] += 1
+
+    def _look_at_board(self, board: Sequence[float]) -> None:
+        keys = self._schema.vocabulary.keys
+        if len(board) != len(keys):
+            self._fault(
+                Promise.RANGES, f"a value for each of the {len(keys)} keys", f"{len(board)}"
+            )
+        for (name, key), value in zip(keys.items(), board, strict=False):
+            low, high = self.ends.get(name, (value, value))
+            self.ends[name] = min(low, value), max(high, value)
+            most = 1 if key.flag else inf if key.most is None else key.most
+            if not key.low <= value <= most or ((key.flag or key.whole) and value % 1):
+                whole = "a whole number as " if key.flag or key.whole else ""
+                self._fault(Promise.RANGES, f"{whole}{key.low:g} <= {name} <= {most:g}", f"{value}")
+        flags = zip(keys.values(), board, strict=False)
+        self.states.add(tuple(value for key, value in flags if key.flag))
+
+    def _look_at_scene(self, scene: Scene) -> None:
+        for shape in (*scene.fixed, *scene.items, *scene.movers):
+            if shape.style not in self._schema.styles:
+                self._fault(Promise.SCENES, "a style of the schema", f"{shape}")
+        if self._movers not in (-1, n := len(scene.movers)):
+            self._fault(Promise.SCENES, "as many movers in each tick", f"{self._movers} and {n}")
+        self._movers = n
+        if scene.frame is not None and self.ticks <= FRAMES and (begin := scene.frame()[:8]) != PNG:
+            self._fault(Promise.FRAMES, "a PNG", f"{begin!r}...")
+
+    def _fault(self, promise: Promise, expected: str, found: str) -> None:
+        self.faults.setdefault(promise, f"Expected {expected}, found {found}")

@@ -178,7 +178,7 @@ PROMISES = [
      "actions return the statuses that they declare",
      "Expected Tuck to return FAILURE, found SUCCESS."),
     ('"blocks_left": self.world.blocks - self.placed}', '"blocks_left": -1}',
-     "keys stay in their ranges", "Expected blocks_left >= 0, found -1.0"),
+     "keys stay in their ranges", "Expected a whole number as 0 <= blocks_left <= 9, found -1.0"),
     ('Shape("robot", *TABLES', 'Shape("robo", *TABLES',
      "scenes use the declared styles",
      "Expected a style of the schema, found Shape(style='robo', x=0.0, y=0.0, size=0.4, text='')"),

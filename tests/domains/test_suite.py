@@ -90,7 +90,7 @@ def test_broken_promises_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(type(domain), "Episode", Forgetful)
     faults = check_pick_place(pick_place).faults
     assert "an episode is a function of tree seed and weights" in faults
-    assert "Expected blocks_left <= 9, found 12.0" in faults["keys stay in their ranges"]
+    assert "0 <= blocks_left <= 9, found 12.0" in faults["keys stay in their ranges"]
 
 
 def test_a_status_that_an_action_has_only_behind_another_is_found() -> None:
