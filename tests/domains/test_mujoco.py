@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import os
 import sys
 from importlib.util import find_spec
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from islandgp.domain import RewardTable
-from islandgp.domains.gymnasium import rendering
 from islandgp.domains.gymnasium.domain import Gymnasium
 from islandgp.domains.gymnasium.world import GymnasiumWorld
 from islandgp.errors import ConfigError
@@ -34,14 +33,6 @@ def islandgp(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
     return shell(monkeypatch, capsys)
 
 
-@pytest.fixture(autouse=True)
-def forget_backend(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Each test chooses a backend for itself."""
-    monkeypatch.setenv("MUJOCO_GL", "egl")  # restored afterwards, if a test sets it
-    monkeypatch.delenv("MUJOCO_GL")
-    rendering.choose_backend.cache_clear()
-
-
 @pytest.mark.slow
 @needs_mujoco
 def test_swimmer_keeps_the_promises_of_a_domain() -> None:
@@ -59,56 +50,23 @@ def test_the_tree_by_hand_swims() -> None:
     assert outcome.counters["return"] > 200
 
 
-@needs_mujoco
-@pytest.mark.process
-def test_a_page_has_frames_if_a_backend_renders(islandgp: Cli, tmp_path: Path) -> None:
-    """`MUJOCO_GL` is set to the backend that was found."""
-    page = tmp_path / "page.html"
-    result = islandgp("replay", SWIMMER, "-o", page, "--set", "world.ticks=20")
-    assert result.code == 0, result.err
-    assert ('"frames":["iVBOR' in page.read_text(encoding="utf-8")) == rendering.choose_backend()
-    assert ("MUJOCO_GL" in os.environ) == rendering.choose_backend()
-
-
-@needs_mujoco
-@pytest.mark.process
-def test_a_backend_that_aborts_is_left_out() -> None:
-    """The child process ends with an error; this one goes on."""
-    assert not rendering._renders("no-such-backend")
-
-
-def test_backends_are_tried_in_order(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Up to the first that renders."""
-    backends: list[str] = []
-
-    def renders(name: str) -> bool:
-        backends.append(name)
-        return name == "osmesa"
-
-    monkeypatch.setattr(rendering, "BACKENDS", ("egl", "osmesa", "glfw"))
-    monkeypatch.setattr(rendering, "_renders", renders)
-    assert rendering.choose_backend()
-    assert (backends, os.environ["MUJOCO_GL"]) == (["egl", "osmesa"], "osmesa")
-
-
-def test_a_chosen_backend_is_the_only_one_tried(monkeypatch: pytest.MonkeyPatch) -> None:
-    """`MUJOCO_GL` stays as the user set it."""
-    monkeypatch.setenv("MUJOCO_GL", "glfw")
-    monkeypatch.setattr(rendering, "_renders", lambda name: name == "egl")
-    assert not rendering.choose_backend()
-    assert os.environ["MUJOCO_GL"] == "glfw"
-
-
-def test_a_page_without_a_backend_has_no_frames(
-    islandgp: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("backend", ["", "egl"])
+def test_a_page_has_frames_with_a_backend(
+    islandgp: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, backend: str
 ) -> None:
-    """`replay` and `trace` end well. CartPole takes the place of an environment of MuJoCo."""
-    monkeypatch.setattr(rendering, "is_mujoco", lambda _: True)
-    monkeypatch.setattr(rendering, "_renders", lambda _: False)
-    page, quick = tmp_path / "page.html", ("--set", "world.ticks=20")
-    assert islandgp("replay", TREES / "cartpole.bt", "-o", page, *quick).code == 0
-    assert '"frames":["' not in page.read_text(encoding="utf-8")
-    assert islandgp("trace", TREES / "cartpole.bt", *quick).code == 0
+    """`MUJOCO_GL` names it. CartPole takes the place of an environment of MuJoCo."""
+    quality = SimpleNamespace(shadowsize=4096, offsamples=4)
+    cart_pole = "gymnasium.envs.classic_control.cartpole.CartPoleEnv"
+    monkeypatch.setenv("MUJOCO_GL", backend)
+    monkeypatch.setattr(f"{cart_pole}.mujoco_renderer", object(), raising=False)
+    model = SimpleNamespace(vis=SimpleNamespace(quality=quality))
+    monkeypatch.setattr(f"{cart_pole}.model", model, raising=False)
+    page = tmp_path / "page.html"
+    assert (
+        islandgp("replay", TREES / "cartpole.bt", "-o", page, "--set", "world.ticks=20").code == 0
+    )
+    assert ('"frames":["' in page.read_text(encoding="utf-8")) == bool(backend)
+    assert quality.shadowsize == (0 if backend else 4096)
 
 
 @pytest.mark.parametrize(
@@ -128,7 +86,7 @@ def test_why_mujoco_cannot_be_imported(
 
     monkeypatch.setenv("MUJOCO_GL", backend)
     monkeypatch.delitem(sys.modules, "mujoco", raising=False)
-    monkeypatch.setattr(rendering, "find_spec", lambda _: object())
+    monkeypatch.setattr("islandgp.domains.gymnasium.domain.find_spec", lambda _: object())
     world = GymnasiumWorld.model_validate(plain("domain=swimmer")["world"])
     monkeypatch.setattr("islandgp.domains.gymnasium.domain.environment", environment)
     domain = Gymnasium(world, RewardTable(events={}))

@@ -7,12 +7,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pydantic import ValidationError
 
-from islandgp.domain import EventLog, RewardTable
-from islandgp.domains.gymnasium.domain import Gymnasium
 from islandgp.domains.gymnasium.spaces import Spaces
-from islandgp.domains.gymnasium.world import GymnasiumWorld, Observation
+from islandgp.domains.gymnasium.world import Observation
 from islandgp.errors import ConfigError
 from tests.composed import composed
 
@@ -139,47 +136,6 @@ def test_words_of_an_observation(value: float, number: float) -> None:
     assert observation.key().words == ("red", "green", "blue")
     low, high = observation.bounds
     assert round(min(high, max(low, value))) == number
-
-
-TAXI: dict[str, Any] = {
-    "name": "taxi",
-    "environment": "Taxi-v4",
-    "ticks": 5,
-    "task": "Fetch a passenger.",
-    "observations": {
-        "row": {"at": 0, "divide": 100, "range": [0, 4], "meaning": "m"},
-        "column": {"at": 0, "divide": 20, "modulo": 5, "range": [0, 4], "meaning": "m"},
-        "passenger": {"at": 0, "divide": 4, "modulo": 5, "words": list("RGYBT"), "meaning": "m"},
-        "goal": {"at": 0, "modulo": 4, "words": list("RGYB"), "meaning": "m"},
-    },
-    "actions": {"South": {"do": 0, "meaning": "drives south"}},
-}
-
-
-@pytest.mark.parametrize("seed", range(5))
-def test_parts_of_a_code_are_keys(seed: int) -> None:
-    """Taxi's observation is one number, which has four parts."""
-    world = GymnasiumWorld.model_validate(TAXI)
-    domain = Gymnasium.make(world, RewardTable(events={}))
-    log = EventLog(RewardTable(events={}), domain.schema, {}, None)
-    episode, _ = domain.begin(seed, log, watched=False)
-    env = domain.environment(render=False).unwrapped
-    row, column, passenger, goal = (float(part) for part in env.decode(env.s))
-    assert domain.reader(episode)() == [row, column, passenger, goal]
-
-
-@pytest.mark.parametrize(
-    ("observation", "message"),
-    [
-        ({"at": 0, "divide": 0}, "divide"),
-        ({"at": 0, "modulo": 1}, "modulo"),
-    ],
-)
-def test_parts_that_cannot_be(observation: dict[str, Any], message: str) -> None:
-    """A divisor is at least 1, a modulus at least 2."""
-    observations = {**TAXI["observations"], "goal": {**observation, "meaning": "m"}}
-    with pytest.raises(ValidationError, match=message):
-        GymnasiumWorld.model_validate({**TAXI, "observations": observations})
 
 
 def test_whole_numbers_of_an_observation() -> None:

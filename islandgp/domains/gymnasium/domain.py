@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import os
+import sys
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from functools import cached_property
 from importlib.util import find_spec
 from json import dumps, loads
 from math import isfinite
-from typing import Any, ClassVar, Final, Self, TypeAlias
+from typing import Any, ClassVar, Final, Self
 
 from pydantic import BaseModel
 
@@ -24,12 +25,9 @@ from islandgp.domain import (
     png,
 )
 from islandgp.domain.checks import must_be_values
-from islandgp.domains.gymnasium import rendering
 from islandgp.domains.gymnasium import world as settings
-from islandgp.domains.gymnasium.spaces import Read, Spaces
+from islandgp.domains.gymnasium.spaces import Spaces
 from islandgp.errors import ConfigError
-
-Observations: TypeAlias = Mapping[str, settings.Observation]
 
 OUTER_WRAPPERS: Final = ("TimeLimit", "OrderEnforcing", "PassiveEnvChecker")
 """Wrappers that are removed: `ticks` replaces the time limit, and the others only check calls."""
@@ -91,24 +89,28 @@ class Gymnasium(SimulatorDomain):
         """The environment of this thread. Raises ConfigError if it cannot be created.
 
         Args:
-            render: True if frames are needed; without OpenGL, MuJoCo's environments have none.
+            render: True if frames are needed; MuJoCo's environments have some with MUJOCO_GL only,
+                as it may abort a process without a display.
         """
         world = self.world
         try:
             plain = environment(world.environment, dumps(world.options), False)
             if not render:
                 return plain
-            mujoco = rendering.is_mujoco(plain)
-            if mujoco and not rendering.choose_backend():
+            mujoco = hasattr(plain.unwrapped, "mujoco_renderer")
+            if mujoco and not os.environ.get("MUJOCO_GL"):
                 return plain
             rendered = environment(world.environment, dumps(world.options), True)
-            return rendering.without_shadows(rendered) if mujoco else rendered
         except Exception as error:  # Gymnasium and environments raise anything
-            reason = rendering.import_fault(str(error)) or " ".join(str(error).split())
+            reason = _import_fault(str(error)) or " ".join(str(error).split())
             raise ConfigError(
                 f"world.environment: expected one that gymnasium.make knows, found"
                 f" {world.environment!r}: {reason}"
             ) from error
+        if mujoco:  # without shadows a CPU renders ten times as fast
+            quality = rendered.unwrapped.model.vis.quality
+            quality.shadowsize = quality.offsamples = 0
+        return rendered
 
     def begin(self, seed: int, log: EventLog, *, watched: bool) -> tuple[Any, Mapping[str, Leaf]]:
         """See `SimulatorDomain`."""
@@ -119,6 +121,16 @@ class Gymnasium(SimulatorDomain):
     def reader(self, episode: _Episode) -> Callable[[], list[float]]:
         """See `SimulatorDomain`."""
         return episode.reader(self.schema.vocabulary.keys)
+
+
+def _import_fault(message: str) -> str:
+    """The reason why MuJoCo cannot be imported, by the error's message; "" for other errors."""
+    if "gymnasium[mujoco]" in message:
+        return "it needs the package mujoco; install it with pip install 'islandgp[mujoco]'"
+    backend = os.environ.get("MUJOCO_GL")
+    if backend and find_spec("mujoco") and "mujoco" not in sys.modules:
+        return f"MuJoCo has no backend MUJOCO_GL={backend} here; unset it, or install its library"
+    return ""
 
 
 @once_a_thread
@@ -135,8 +147,8 @@ class _Episode:
         self.env, self.log = env, log
         self.shrink, self.frame_every = world.shrink, world.frame_every
         self.total, self.steps = 0.0, 0
-        ats = _places(world.observations, spaces)
-        self._read, self._act = _reader(world.observations, spaces), spaces.act
+        ats = {n: spaces.places[o.at] for n, o in world.observations.items()}
+        self._read, self._act = spaces.read, spaces.act
         self._values = self._read(env.reset(seed=seed)[0])
         self._step, self._steps_matter = env.step, log.matters("step")
         places = {"reward": -2, "step": -1, **ats}  # of the numbers of a step
@@ -228,39 +240,6 @@ class _Episode:
     def _between(self) -> Scene:
         """A tick without a frame, in which the previous one is shown."""
         return Scene(self._picture.bounds)
-
-
-def _derived(observations: Observations) -> dict[str, settings.Observation]:
-    """The observations that are computed, from numbers that code several."""
-    return {name: each for name, each in observations.items() if each.is_part}
-
-
-def _places(observations: Observations, spaces: Spaces) -> dict[str, int]:
-    """By name of an observation, its index among an episode's numbers; derived ones come last."""
-    read = {n: spaces.places[o.at] for n, o in observations.items()}
-    return read | {n: at for at, n in enumerate(_derived(observations), len(spaces.whole))}
-
-
-def _reader(observations: Observations, spaces: Spaces) -> Read:
-    """Reads the numbers of an observation, and those that the configuration derives from them."""
-    parts = _derived(observations).values()
-    derived = [_part(spaces.places[each.at], each.divide, each.modulo) for each in parts]
-    if not derived:
-        return spaces.read
-
-    def read(observation: Any) -> list[float]:
-        values = spaces.read(observation)
-        for value in derived:
-            values.append(value(values))
-        return values
-
-    return read
-
-
-def _part(at: int, divide: int, modulo: int | None) -> Callable[[Sequence[float]], float]:
-    if modulo is None:
-        return lambda values: values[at] // divide
-    return lambda values: values[at] // divide % modulo
 
 
 def _check(world: settings.GymnasiumWorld, spaces: Spaces) -> None:

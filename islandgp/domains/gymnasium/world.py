@@ -42,8 +42,6 @@ class Observation(BaseModel, frozen=True, extra="forbid"):
 
     at: Annotated[int, Field(ge=0)] | str
     """Its place in the observation; in a Dict, `key.place`."""
-    divide: int = Field(default=1, ge=1)  # whole-number division, to read a part of a code
-    modulo: int | None = Field(default=None, ge=2)  # remainder, after the division
     meaning: str  # one line, with the unit
     flag: bool = False  # True: a flag, yes for values above one half
     words: tuple[Word, ...] = ()  # of a number that counts from 0: names of its values
@@ -56,11 +54,6 @@ class Observation(BaseModel, frozen=True, extra="forbid"):
         if self.range[0] >= self.range[1]:
             raise ValueError(f"range: expected two rising numbers, found {list(self.range)}")
         return self
-
-    @property
-    def is_part(self) -> bool:
-        """Whether it is a part of a number that codes several, such as row and column."""
-        return self.divide > 1 or self.modulo is not None
 
     @property
     def bounds(self) -> tuple[float, float]:
