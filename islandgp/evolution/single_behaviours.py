@@ -17,7 +17,7 @@ import numpy as np
 from islandgp.bt.analysis.simplify import simplify
 from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.language import to_text
-from islandgp.bt.core.node import Limits, Node, replace_at, size, walk, within
+from islandgp.bt.core.node import Limits, Node, replace_at, size, spliced, walk, within
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Evaluator, evaluated
 from islandgp.gp.random_trees import TreeSpace, random_tree
@@ -177,5 +177,4 @@ def _smaller(tree: Node) -> Iterator[Node]:
         for at, child in enumerate(node.children):
             yield replace_at(tree, i, child)
             if len(node.children) > kind_of(node).children[0]:
-                siblings = node.children[:at] + node.children[at + 1 :]
-                yield replace_at(tree, i, node._replace(children=siblings))
+                yield replace_at(tree, i, spliced(node, at, 1))

@@ -8,9 +8,10 @@ exchange and change branches as units. `variation` registers them.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from functools import wraps
 from math import exp, floor, log10
-from typing import TYPE_CHECKING, Final
+from typing import Any, Final
 
 import numpy as np
 
@@ -27,7 +28,6 @@ from islandgp.bt.core.kinds import ABORTS, kind_of
 from islandgp.bt.core.node import (
     FAILURE,
     ActionArgs,
-    GuardArgs,
     Limits,
     Node,
     depth,
@@ -37,14 +37,34 @@ from islandgp.bt.core.node import (
     selector,
     sequence,
     size,
+    spliced,
     walk,
+    within,
 )
 from islandgp.bt.core.parameters import MAX_MAGNITUDE, argument_values, leaf_of, referenced
 from islandgp.bt.core.vocabulary import Key
 from islandgp.gp.random_trees import TreeSpace, moved_number, random_abort, random_leaf, random_term
 
-if TYPE_CHECKING:  # variation imports this module
-    from islandgp.gp.variation import MutationSettings
+Mutation = Callable[[np.random.Generator, Node, TreeSpace, Any], Node]
+"""(rng, tree, space, its `MutationSettings`) -> the changed tree."""
+
+
+def of_node(admits: Callable[[Node, TreeSpace], object]) -> Callable[[Mutation], Mutation]:
+    """Makes a mutation of a change of one node, which is drawn among those that it admits."""
+
+    def of_tree(change: Mutation) -> Mutation:
+        @wraps(change)
+        def mutation(rng: np.random.Generator, tree: Node, space: TreeSpace, settings: Any) -> Node:
+            places = [(i, node) for i, node in enumerate(walk(tree)) if admits(node, space)]
+            if not places:
+                return tree
+            i, node = places[rng.integers(len(places))]
+            return replace_at(tree, i, change(rng, node, space, settings))
+
+        return mutation
+
+    return of_tree
+
 
 BODY: Final = {1: 0.5, 2: 0.4, 3: 0.1}
 """Probability of each number of actions in a random branch."""
@@ -123,11 +143,6 @@ def _selectors(tree: Node) -> list[tuple[int, Node]]:
     ]
 
 
-def _guards(tree: Node) -> list[tuple[int, Node, GuardArgs]]:
-    """The guards of a tree with their places in document order and their arguments."""
-    return [(i, node, node.guard) for i, node in enumerate(walk(tree)) if node.guard]
-
-
 def branches_of(tree: Node) -> list[Node]:
     """The branches of a tree: the children of its selectors, or the tree if it has no selector."""
     return [c for _, node in _selectors(tree) for c in node.children] or [tree]
@@ -144,55 +159,42 @@ def with_branch(rng: np.random.Generator, tree: Node, branch: Node) -> Node:
         return selector(branch, tree)
     i, node = selectors[0 if rng.random() < 0.6 else int(rng.integers(len(selectors)))]
     at = int(rng.integers(len(node.children)))  # never last: behind an action nothing is reached
-    children = (*node.children[:at], branch, *node.children[at:])
-    return replace_at(tree, i, node._replace(children=children))
+    return replace_at(tree, i, spliced(node, at, 0, branch))
 
 
-def guard(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
+def guard(rng: np.random.Generator, tree: Node, space: TreeSpace, _: object) -> Node:
     """Inserts a random guarded branch before a child of a selector."""
     return with_branch(rng, tree, random_branch(rng, space))
 
 
-def wrap(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
+@of_node(lambda _, space: space.keys)
+def wrap(rng: np.random.Generator, node: Node, space: TreeSpace, _: object) -> Node:
     """Puts a `when` with a random condition above a node."""
-    if not space.keys:
-        return tree
-    nodes = list(walk(tree))
-    i = int(rng.integers(len(nodes)))
-    condition = _random_condition(rng, space)
-    return replace_at(tree, i, guarded(condition, nodes[i], random_abort(rng, space)))
+    return guarded(_random_condition(rng, space), node, random_abort(rng, space))
 
 
-def extend(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
+@of_node(lambda node, _: node.action)
+def extend(rng: np.random.Generator, leaf: Node, space: TreeSpace, _: object) -> Node:
     """Replaces an action, or adds one before or after it in a sequence.
 
     The new action may have its preparations, as in a random branch.
     """
-    leaves = [(i, node) for i, node in enumerate(walk(tree)) if node.action]
-    if not leaves:
-        return tree
-    i, old = leaves[rng.integers(len(leaves))]
     new = _random_body(rng, space, 1)
     where = rng.random()
     if where < 0.5:
-        return replace_at(tree, i, new)
-    return replace_at(tree, i, sequence(old, new) if where < 0.75 else sequence(new, old))
+        return new
+    return sequence(leaf, new) if where < 0.75 else sequence(new, leaf)
 
 
-def condition(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
+@of_node(lambda node, _: node.guard)
+def condition(rng: np.random.Generator, node: Node, space: TreeSpace, _: object) -> Node:
     """Changes a guard: another abort rule, or a term added, removed or replaced."""
-    guards = _guards(tree)
-    if not guards:
-        return tree
-    i, old, args = guards[rng.integers(len(guards))]
-    expr = args.condition
-    parts = list(terms(expr))
+    args = guard_of(node)
+    parts = list(terms(args.condition))
     at, draw = int(rng.integers(len(parts))), rng.random()
     if draw < 0.25:
         others = [abort for abort in ABORTS if abort != args.abort]
-        return replace_at(
-            tree, i, old._replace(args=args._replace(abort=others[rng.integers(len(others))]))
-        )
+        return node._replace(args=args._replace(abort=others[rng.integers(len(others))]))
     new: ConditionExpr | None = random_term(rng, space)
     if draw < 0.5 and len(parts) < space.settings.conditions.terms:
         operator = "or" if rng.random() < 0.3 else "and"
@@ -200,42 +202,33 @@ def condition(rng: np.random.Generator, tree: Node, space: TreeSpace, _: Mutatio
         new = combine(operator, [parts[at], new])
     elif draw < 0.65:
         new = None
-    changed = with_term(expr, at, new)
+    changed = with_term(args.condition, at, new)
     if changed is None:  # the only term is gone, and the guard with it
-        return replace_at(tree, i, old.children[0])
-    return replace_at(tree, i, old._replace(args=args._replace(condition=changed)))
+        return node.children[0]
+    return node._replace(args=args._replace(condition=changed))
 
 
-def fulfil(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
+def _declared(leaf: Node, space: TreeSpace) -> tuple[ConditionExpr, ...]:
+    """The conditions that an action declares in `to_start` and `to_succeed`."""
+    declaration = space.vocabulary.action(leaf.action)
+    return tuple(dict.fromkeys((*declaration.to_start, *declaration.to_succeed)))
+
+
+@of_node(lambda node, space: node.action and _declared(node, space))
+def fulfil(rng: np.random.Generator, leaf: Node, space: TreeSpace, _: object) -> Node:  # noqa: ARG001 -- every mutation's form
     """Guards an action by the conditions that it declares.
 
     These are `to_start` and `to_succeed` of the vocabulary, which `check` uses, too.
     """
-    needy = [
-        (i, node, conditions)
-        for i, node in enumerate(walk(tree))
-        if node.action and (conditions := _declared(node.action, space))
-    ]
-    if not needy:
-        return tree
-    i, node, conditions = needy[rng.integers(len(needy))]
-    return replace_at(tree, i, guarded(combine("and", conditions), node, "none"))
+    return guarded(combine("and", _declared(leaf, space)), leaf, "none")
 
 
-def _declared(action: str, space: TreeSpace) -> tuple[ConditionExpr, ...]:
-    """The conditions that an action declares in `to_start` and `to_succeed`."""
-    declaration = space.vocabulary.action(action)
-    return tuple(dict.fromkeys((*declaration.to_start, *declaration.to_succeed)))
-
-
-def shrink(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:  # noqa: ARG001 -- every mutation's form
+def shrink(rng: np.random.Generator, tree: Node, space: TreeSpace, _: object) -> Node:  # noqa: ARG001 -- every mutation's form
     """Removes the parts that `simplify` proves to have no effect."""
     return simplify(tree, space.vocabulary).tree
 
 
-def tune(
-    rng: np.random.Generator, tree: Node, space: TreeSpace, mutation: MutationSettings
-) -> Node:
+def tune(rng: np.random.Generator, tree: Node, space: TreeSpace, mutation: Any) -> Node:
     """Perturbs one number in the tree's conditions, or all of them.
 
     The standard deviation is drawn for each call, log-uniform from `number_sd` / 20 to
@@ -244,7 +237,7 @@ def tune(
     places = places_of_numbers(tree, space)
     if not places:
         return tree
-    sd = mutation.number_sd * 20 ** (rng.random() - 1)
+    sd: float = mutation.number_sd * 20 ** (rng.random() - 1)
     if rng.random() >= TUNE_ALL:
         places = [places[rng.integers(len(places))]]
     for i, k in places:
@@ -325,7 +318,5 @@ def branch_crossover(rng: np.random.Generator, mother: Node, father: Node, limit
     else:
         i, node = selectors[rng.integers(len(selectors))]
         at = int(rng.integers(len(node.children)))
-        children = (*node.children[:at], branch, *node.children[at + 1 :])
-        child = replace_at(mother, i, node._replace(children=children))
-    fits = size(child) <= limits.max_nodes and depth(child) <= limits.max_depth
-    return child if fits else mother
+        child = replace_at(mother, i, spliced(node, at, 1, branch))
+    return child if within(child, limits) else mother

@@ -26,6 +26,7 @@ from islandgp.bt.core.node import (
     replace_at,
     selector,
     size,
+    spliced,
     within,
 )
 from islandgp.bt.core.printer import Named, condition_text
@@ -226,7 +227,7 @@ def put_in_front(tree: Node, path: Path, branch: Node) -> Node:
     if path and is_selector(node_at(tree, path[:-1])):
         return _with_child(tree, path, branch)
     if is_selector(node):
-        return with_node(tree, path, node._replace(children=(branch, *node.children)))
+        return with_node(tree, path, spliced(node, 0, 0, branch))
     return with_node(tree, path, selector(branch, node))
 
 
@@ -239,8 +240,7 @@ def _with_child(tree: Node, path: Path, branch: Node) -> Node:
             f"expected a place among the {len(parent.children)} children of"
             f" {path_text(path[:-1])!r} or after the last, found {path_text(path)!r}"
         )
-    children = (*parent.children[:index], branch, *parent.children[index:])
-    return with_node(tree, tuple(above), parent._replace(children=children))
+    return with_node(tree, tuple(above), spliced(parent, index, 0, branch))
 
 
 def _inserted(tree: Node, path: Path, branch: Node) -> Node:

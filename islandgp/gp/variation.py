@@ -25,12 +25,13 @@ from islandgp.bt.core.node import (
     measured,
     replace_at,
     size,
+    spliced,
     walk,
     within,
 )
 from islandgp.bt.core.parameters import argument_values, leaf_of, referenced
-from islandgp.bt.core.vocabulary import Key
 from islandgp.gp import branches
+from islandgp.gp.branches import of_node
 from islandgp.gp.random_trees import (
     TreeSpace,
     check_weights,
@@ -106,20 +107,19 @@ def _tree(result: object) -> Node:
     return result
 
 
+@of_node(lambda *_: True)
 def _subtree(
-    rng: np.random.Generator, tree: Node, space: TreeSpace, settings: MutationSettings
+    rng: np.random.Generator, _: Node, space: TreeSpace, settings: MutationSettings
 ) -> Node:
     """Replaces a subtree by a random one."""
-    return replace_at(tree, int(rng.integers(size(tree))), grow(rng, space, settings.subtree_depth))
+    return grow(rng, space, settings.subtree_depth)
 
 
-def _node(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSettings) -> Node:
+@of_node(lambda *_: True)
+def _node(rng: np.random.Generator, old: Node, space: TreeSpace, _: MutationSettings) -> Node:
     """Replaces the kind of a node, which keeps its children, or an action."""
-    nodes = list(walk(tree))
-    i = int(rng.integers(len(nodes)))
-    old = nodes[i]
     if old.action:
-        return replace_at(tree, i, random_action(rng, space))
+        return random_action(rng, space)
     n = len(old.children)
     kinds = [
         name
@@ -127,25 +127,22 @@ def _node(rng: np.random.Generator, tree: Node, space: TreeSpace, _: MutationSet
         if space.kinds.get(name, 0) > 0 and kind.children[0] <= n <= kind.children[1]
     ]
     if not kinds:
-        return tree
+        return old
     kind = kinds[rng.integers(len(kinds))]
-    return replace_at(tree, i, Node(kind, random_args(rng, kind, space), old.children))
+    return Node(kind, random_args(rng, kind, space), old.children)
 
 
+@of_node(
+    lambda node, space: (
+        (node.args and node.children) or space.vocabulary.action(node.action).arguments
+    )
+)
 def _parameter(
-    rng: np.random.Generator, tree: Node, space: TreeSpace, settings: MutationSettings
+    rng: np.random.Generator, old: Node, space: TreeSpace, settings: MutationSettings
 ) -> Node:
     """Perturbs a number, or replaces an argument, of a node."""
-    nodes = [
-        (i, node)
-        for i, node in enumerate(walk(tree))
-        if (node.args and node.children) or space.vocabulary.action(node.action).arguments
-    ]
-    if not nodes:
-        return tree
-    i, old = nodes[rng.integers(len(nodes))]
     if isinstance(old.args, ActionArgs):
-        return replace_at(tree, i, _other_argument(rng, old.args, space, settings))
+        return _other_argument(rng, old.args, space, settings)
     args = random_args(rng, old.kind, space)
     nudge = rng.normal(0, settings.number_sd)
     if isinstance(old.args, CountArgs):
@@ -159,9 +156,8 @@ def _parameter(
         ):
             args = old.args._replace(condition=_rejoined(rng, condition, nudge, space))
         elif space.vocabulary.has_number(condition) and rng.random() < 0.5:
-            key = space.vocabulary.keys[condition.key]
-            args = old.args._replace(condition=_nudged(condition, key, nudge))
-    return replace_at(tree, i, old._replace(args=args))
+            args = old.args._replace(condition=_nudged(condition, space, nudge))
+    return old._replace(args=args)
 
 
 def _other_argument(
@@ -179,8 +175,9 @@ def _other_argument(
     return leaf_of(args.name, values, arguments)
 
 
-def _nudged(expr: Condition, key: Key, nudge: float) -> Condition:
+def _nudged(expr: Condition, space: TreeSpace, nudge: float) -> Condition:
     """A comparison with its number moved by `nudge` times its key's range, on the key's grid."""
+    key = space.vocabulary.keys[expr.key]
     moved = expr.number + nudge * (key.high - key.low)
     nearest = on_grid(key, round((moved - key.low) / key.step))
     return expr._replace(number=min(key.high, max(key.low, nearest)))
@@ -198,59 +195,41 @@ def _rejoined(
     if rng.random() < 0.5:
         return with_term(expr, at, None) or random_term(rng, space)
     if space.vocabulary.has_number(parts[at]) and rng.random() < 0.5:
-        key = space.vocabulary.keys[parts[at].key]
-        return with_term(expr, at, _nudged(parts[at], key, nudge)) or expr
+        return with_term(expr, at, _nudged(parts[at], space, nudge)) or expr
     return with_term(expr, at, random_term(rng, space)) or expr
 
 
+@of_node(lambda *_: True)
 def _insert(
-    rng: np.random.Generator, tree: Node, space: TreeSpace, settings: MutationSettings
+    rng: np.random.Generator, old: Node, space: TreeSpace, settings: MutationSettings
 ) -> Node:
     """Inserts an inner node above a node, or a child into a composite."""
-    nodes = list(walk(tree))
-    i = int(rng.integers(len(nodes)))
-    old = nodes[i]
     if old.children and len(old.children) < KINDS[old.kind].children[1] and rng.random() < 0.5:
         at = int(rng.integers(len(old.children) + 1))
-        new = grow(rng, space, settings.subtree_depth)
-        return replace_at(
-            tree, i, old._replace(children=(*old.children[:at], new, *old.children[at:]))
-        )
+        return spliced(old, at, 0, grow(rng, space, settings.subtree_depth))
     parent = inner_node(rng, space, 2)
-    at = int(rng.integers(len(parent.children)))
-    children = (*parent.children[:at], old, *parent.children[at + 1 :])
-    return replace_at(tree, i, parent._replace(children=children))
+    return spliced(parent, int(rng.integers(len(parent.children))), 1, old)
 
 
-def _delete(rng: np.random.Generator, tree: Node, _: TreeSpace, __: MutationSettings) -> Node:
+@of_node(lambda node, _: node.children)
+def _delete(rng: np.random.Generator, old: Node, _: TreeSpace, __: MutationSettings) -> Node:
     """Deletes a child of a composite, or replaces an inner node by one of its children."""
-    inner = [(i, node) for i, node in enumerate(walk(tree)) if node.children]
-    if not inner:
-        return tree
-    i, old = inner[rng.integers(len(inner))]
     at = int(rng.integers(len(old.children)))
     if len(old.children) > KINDS[old.kind].children[0] and rng.random() < 0.5:
-        return replace_at(
-            tree, i, old._replace(children=old.children[:at] + old.children[at + 1 :])
-        )
-    return replace_at(tree, i, old.children[at])
+        return spliced(old, at, 1)
+    return old.children[at]
 
 
-def _swap(rng: np.random.Generator, tree: Node, _: TreeSpace, __: MutationSettings) -> Node:
+@of_node(lambda node, _: len(node.children) > 1)
+def _swap(rng: np.random.Generator, old: Node, _: TreeSpace, __: MutationSettings) -> Node:
     """Exchanges two children of a composite."""
-    wide = [(i, node) for i, node in enumerate(walk(tree)) if len(node.children) > 1]
-    if not wide:
-        return tree
-    i, old = wide[rng.integers(len(wide))]
     a, b = (int(k) for k in rng.choice(len(old.children), 2, replace=False))
     children = list(old.children)
     children[a], children[b] = children[b], children[a]
-    return replace_at(tree, i, old._replace(children=tuple(children)))
+    return old._replace(children=tuple(children))
 
 
-Mutation = Callable[[np.random.Generator, Node, TreeSpace, MutationSettings], Node]
-
-MUTATIONS: Final[dict[str, Mutation]] = {
+MUTATIONS: Final[dict[str, branches.Mutation]] = {
     "subtree": _subtree,
     "node": _node,
     "parameter": _parameter,

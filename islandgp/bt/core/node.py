@@ -359,9 +359,15 @@ def replace_at(tree: Node, index: int, new: Node) -> Node:
         n = size(child)
         if index < n:
             child = replace_at(child, index, new)
-            return tree._replace(children=(*tree.children[:i], child, *tree.children[i + 1 :]))
+            return spliced(tree, i, 1, child)
         index -= n
     raise IndexError("expected an index below the tree's size")
+
+
+def spliced(node: Node, at: int, gone: int, *new: Node) -> Node:
+    """The node with `new` children in place of `gone` children from index `at` on."""
+    children = node.children
+    return node._replace(children=(*children[:at], *new, *children[at + gone :]))
 
 
 @dataclass(frozen=True, slots=True)
