@@ -180,7 +180,7 @@ class Record(Observer):
         """Called for each event of a stepped domain, with or without points."""
         self.events.add(event)
 
-    def tick(self, board: Sequence[float], scene: Scene | None) -> None:
+    def tick(self, board: Sequence[float], scene: Any) -> None:
         self.ticks += 1
         self._look_at_board(board)
         if isinstance(scene, Scene):
