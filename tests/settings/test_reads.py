@@ -21,6 +21,7 @@ from islandgp.running.parts import make_search, make_supervisor, plan_of
 from islandgp.search.base import NoSettings
 from islandgp.search.random_search import RandomSearch
 from tests.composed import plain
+from tests.running.commands import ROOT
 from tests.search.searches import NAMES
 
 SMALL = (
@@ -189,6 +190,16 @@ def test_in_a_file_of_the_user_it_is_a_warning(
     error = capsys.readouterr().err
     assert error.startswith(f"islandgp: {file}: search=racing does not read gp.tournament_size;")
     compose("experiment=mine", "search=paper", config_dir="conf")
+    assert not capsys.readouterr().err
+
+
+def test_what_describes_a_robot_is_no_warning(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A domain's own file has a library and a curriculum for the choices that read them."""
+    folder = ROOT / "examples/pick_place"
+    monkeypatch.syspath_prepend(str(folder))
+    compose("domain=pick_place", "supervisor=baseline", config_dir=folder / "conf")
     assert not capsys.readouterr().err
 
 
