@@ -278,6 +278,8 @@ def report() -> None:
     (FOLDER / "scores.csv").write_text(scores_csv(rows), encoding="utf-8")
     profile_picture(by_world, label="Mean in unseen worlds").save(FOLDER)
     draw_curves({name: raws[name] for name in scores})
+    if "island" in scores:
+        draw_island(raws["island"])
 
 
 def differences(raws: dict[str, dict[str, Any]]) -> Iterator[str]:
@@ -347,6 +349,41 @@ def draw_curves(raws: dict[str, dict[str, Any]]) -> None:
     with rc_context({"svg.hashsalt": "islandgp"}):  # the same ids in each file
         figure.savefig(FOLDER / "curves.svg", metadata={"Date": None, "Creator": None})
     figure.savefig(FOLDER / "curves.png", dpi=150, metadata={"Software": None})
+
+
+README_ARMS: Final = {
+    "racing, expert": "default run: evolution with the library",
+    "compose": "the library joined, no evolution",
+    "racing": "evolution from nothing",
+    "paper": "the paper's algorithm, from nothing",
+    "random": "random trees, no evolution",
+}
+"""Arms of the README's figure, with what they are in words."""
+
+
+def draw_island(raw: dict[str, Any]) -> None:
+    """The README's figure: each run of an arm is a dot, its mean a line with Student's interval."""
+    from matplotlib import rc_context
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(7, 2.6), layout="constrained")
+    axes = figure.subplots()
+    arms = [arm for arm in README_ARMS if raw["arms"].get(arm)]
+    for row, arm in enumerate(reversed(arms)):
+        points = [run["score"] / 1000 for run in raw["arms"][arm].values()]
+        spread = np.linspace(-0.22, 0.22, len(points))
+        axes.plot(points, row + spread, "o", color="C0", markersize=3, alpha=0.5, linewidth=0)
+        mean, low, high = mean_interval(points)
+        axes.plot([low, high], [row, row], color="black", linewidth=2)
+        axes.plot([mean], [row], "|", color="black", markersize=12, markeredgewidth=2)
+    axes.axvline(raw["by_hand"] / 1000, color="C3", linestyle="--", label="tree written by hand")
+    axes.set_yticks(range(len(arms)), [README_ARMS[arm] for arm in reversed(arms)])
+    axes.set_xlabel("points of the best tree in 100 unseen worlds, in thousands")
+    axes.legend(loc="upper left", fontsize=8, frameon=False)
+    axes.spines[["top", "right"]].set_visible(False)
+    with rc_context({"svg.hashsalt": "islandgp"}):
+        figure.savefig(FOLDER / "island.svg", metadata={"Date": None, "Creator": None})
+    figure.savefig(FOLDER / "island.png", dpi=150, metadata={"Software": None})
 
 
 def random_trees(names: Sequence[str]) -> None:
