@@ -336,8 +336,7 @@ def transcript(data: bytes) -> bool:
     file.write_bytes(data)
     try:
         recorded = Transcript(file)
-        recorded.requests()
-        recorded.useless_before(10)
+        recorded.unanswered()
         for attempt in recorded.attempts:
             recorded.of(attempt.call)
         ledger = Ledger(recorded, None, CAPS)

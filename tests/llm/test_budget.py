@@ -340,7 +340,7 @@ def test_a_lost_request_counts_as_the_most_it_can_be(tmp_path: Path) -> None:
     call = Call(3, "rate", 0)
     transcript.add(Sent(call, 1, Usage(700, 2048), 0.0))
     reread = Transcript(tmp_path / "transcript.jsonl")
-    assert reread.requests()[1] == [Sent(call, 1, Usage(700, 2048), 0.0)]
+    assert reread.unanswered() == [Sent(call, 1, Usage(700, 2048), 0.0)]
     price = Price(input=1, output=5, cache_read=0.1, cache_write=1.25)
     caps = Caps(requests=None, input_tokens=700, output_tokens=None, usd=None, seconds=None)
     ledger = Ledger(reread, price, caps)

@@ -33,7 +33,7 @@ from islandgp.supervision.llm.message import (
     sha256_of,
 )
 from islandgp.supervision.llm.settings import Caps, LLMSettings, PerMinute, Price
-from islandgp.supervision.llm.transcript import Transcript
+from islandgp.supervision.llm.transcript import Attempt, Transcript
 
 LONGEST_TURN: Final = 3600.0  # s; a later one is of a wrong clock
 TOKENS_PER_PRICE: Final = 1e6  # tokens per price
@@ -204,28 +204,32 @@ class Ledger:
         """
         if self.caps.seconds is None:
             return inf
-        _, unanswered = self.transcript.requests()
         spent = sum(a.seconds + a.waited for a in self.transcript.attempts)
-        return max(0.0, self.caps.seconds - spent - sum(request.seconds for request in unanswered))
+        spent += sum(request.seconds for request in self.transcript.unanswered())
+        return max(0.0, self.caps.seconds - spent)
 
     def most(self) -> Bill:
         """Upper bound of the costs of all requests so far."""
-        attempts, unanswered = self.transcript.requests()
-        sent = [a for a in attempts if a.failed is not FailureKind.UNREACHABLE]
         bills = [
-            (Bill.at_most if a.usage is None else Bill.of)(1, a.at_most, self.price) for a in sent
+            (Bill.at_most if a.usage is None else Bill.of)(1, a.at_most, self.price)
+            for a in self._sent
         ]
-        bills += [Bill.at_most(1, request.at_most, self.price) for request in unanswered]
+        bills += [Bill.at_most(1, r.at_most, self.price) for r in self.transcript.unanswered()]
         return sum(bills, Bill.of(0, Usage(), self.price))
+
+    @property
+    def _sent(self) -> list[Attempt]:
+        """The attempts that reached a server."""
+        unsent = (FailureKind.BUDGET, FailureKind.UNREACHABLE)
+        return [a for a in self.transcript.attempts if a.failed not in unsent]
 
     def totals(self) -> dict[str, float]:
         """Sums since the run's start by name, for the costs of a generation and for MLflow."""
-        attempts, unanswered = self.transcript.requests()
-        sent = [a for a in attempts if a.failed is not FailureKind.UNREACHABLE]
-        parts = self.transcript.parts
-        requests = len(sent) + len(unanswered)
+        attempts, sent, parts = self.transcript.attempts, self._sent, self.transcript.parts
+        requests = len(sent) + len(self.transcript.unanswered())
         usages = [a.usage for a in sent if a.usage is not None]
         failures = Counter(a.failed for a in attempts if a.failed)
+        del failures[FailureKind.BUDGET]  # nothing was sent
         rejected = Counter(stage for part in parts for stage in part.rejected)
         fallbacks = Counter(part.part for part in parts if part.source == "fallback")
         sums: dict[str, float] = {
@@ -240,12 +244,9 @@ class Ledger:
             "repaired": sum("repaired" in part.source for part in parts),
             "fallback_rates": fallbacks["rate"],
             "fallback_trees": fallbacks["tree"],
+            **{f"failures_{kind}": count for kind, count in sorted(failures.items())},
+            **{f"rejected_{stage}": count for stage, count in sorted(rejected.items())},
         }
-        if played := self.transcript.played:
-            sums["episodes"] = sum(p.episodes for p in played)
         if not isnan(most := self.most().usd):
-            sums["cost_usd"] = sum(a.usd or 0.0 for a in sent)
-            sums["cost_usd_at_most"] = most
-        sums |= {f"failures_{kind}": count for kind, count in sorted(failures.items())}
-        sums |= {f"rejected_{stage}": count for stage, count in sorted(rejected.items())}
+            sums |= {"cost_usd": sum(a.usd or 0.0 for a in sent), "cost_usd_at_most": most}
         return sums

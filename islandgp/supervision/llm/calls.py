@@ -15,7 +15,6 @@ import re
 import time
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
-from threading import Lock
 from typing import Final, Protocol
 
 import numpy as np
@@ -96,7 +95,6 @@ class LiveCalls:
         self.on_outage = on_outage or settings.on_outage
         self.pace = Pace.of(settings)
         self._closed = False
-        self._sending = Lock()  # held from the check of the caps until the request is recorded
 
     def ask(self, call: Call, request: Request) -> Reply | Failure:
         """See `Calls`. An answer in the transcript to the same request is used again.
@@ -109,17 +107,16 @@ class LiveCalls:
         slot = 10 * SLOTS[call.part] + call.turn
         rng = stream(self.seed, Stream.NETWORK, generation=call.generation + 1, slot=slot)
         answer, number = (done[-1].answer, done[-1].number) if done else (None, 0)
-        earlier = 0  # attempts before the one that stopped the run or kept it from starting
         if isinstance(answer, Failure) and self._stops(call, answer):
-            answer, earlier = None, number
-        while answer is None or not self._is_last(call, answer, number - earlier):
-            due = 0.0
+            answer, number = None, 0  # it stopped the run, or kept it from starting
+        while answer is None or not self._is_last(call, answer, number):
+            waited = 0.0
             if isinstance(answer, Failure):
-                due = min(self._delay(answer, number - earlier, rng), self.ledger.seconds_left())
-                self.sleep(due)
-            due += self.pace.wait(request) if self.pace is not None else 0
+                waited = min(self._delay(answer, number, rng), self.ledger.seconds_left())
+                self.sleep(waited)
+            waited += self.pace.wait(request) if self.pace is not None else 0
             number += 1
-            answer = self._attempt(call, number, request, due)
+            answer = self._attempt(call, number, request, waited)
         if isinstance(answer, Failure) and call.part != "probe" and self._stops(call, answer):
             raise SupervisionError(
                 f"Expected an answer of the model {request.model}, found {answer.kind}"
@@ -133,14 +130,14 @@ class LiveCalls:
         """True if no attempt follows; "wait" waits on while that costs nothing, up to the caps."""
         if isinstance(answer, Reply) or answer.kind not in TRANSIENT:
             return True
-        if (answer.retry_after or 0) > self.retry.retry_after_most and self.on_outage != "wait":
-            return True
-        waits = self.on_outage == "wait" and answer.kind not in CHARGED and call.part != "probe"
-        if waits and attempt % self.retry.attempts == 0:
+        is_long = (answer.retry_after or 0) > self.retry.retry_after_most
+        if self.on_outage != "wait" or answer.kind in CHARGED or call.part == "probe":
+            return attempt >= self.retry.attempts or (is_long and self.on_outage != "wait")
+        if attempt % self.retry.attempts == 0:
             logging.getLogger("islandgp").warning(
                 "No answer of the model (%s); it is asked again (on_outage=wait)", answer.message
             )
-        return attempt >= self.retry.attempts and not waits
+        return False
 
     def _delay(self, failure: Failure, attempt: int, rng: np.random.Generator) -> float:
         """Seconds to wait after the failed attempt number `attempt` (from 1).
@@ -164,16 +161,15 @@ class LiveCalls:
 
     def _attempt(self, call: Call, number: int, request: Request, waited: float) -> Reply | Failure:
         self._check_open()
+        self.client.open()
         bound = most_tokens(request)
-        with self._sending:
-            self.client.open()
         at, began = datetime.now(UTC).isoformat(timespec="milliseconds"), time.monotonic()
-        with self._sending:
-            seconds = min(self.retry.deadline, self.ledger.seconds_left() - waited)
-            if not (reason := self.ledger.over(bound, waited)):
-                self.transcript.add(Sent(call, number, bound, round(waited + seconds, 3)))
-        answer: Reply | Failure = Failure(FailureKind.BUDGET, reason)
-        if not reason:
+        seconds = min(self.retry.deadline, self.ledger.seconds_left() - waited)
+        answer: Reply | Failure
+        if reason := self.ledger.over(bound, waited):
+            answer = Failure(FailureKind.BUDGET, reason)
+        else:
+            self.transcript.add(Sent(call, number, bound, round(waited + seconds, 3)))
             answer = self.client.send(request, seconds=seconds)
         self._check_open()
         usage = known_usage(answer)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
-from functools import partial
 from typing import Any, Final
 
 import numpy as np
@@ -42,8 +41,7 @@ from islandgp.supervision.llm.message import (
 )
 from islandgp.supervision.llm.questions import Questions
 from islandgp.supervision.llm.settings import LLMSettings, check_address
-from islandgp.supervision.llm.transcript import NAME, Call, Conclusion, Played, Start, Transcript
-from islandgp.threads import in_thread
+from islandgp.supervision.llm.transcript import NAME, Call, Conclusion, Start, Transcript
 
 SMALL: Final = {"smollm2-135m": "135 million parameters: valid trees, little judgement"}
 """What to expect of small models."""
@@ -105,18 +103,11 @@ class Adviser:
         Raises:
             SupervisionError: too many unusable answers in a row, with `on_outage` "stop".
         """
-        generation, questions = state.now.generation, self.questions
-        if failure := self._given_up(calls, generation):
-            kind, why = failure.kind.value, f"{failure.kind}: {failure.message}"
-            ends = [Conclusion(generation, p, "fallback", why, (), kind) for p in questions.parts]
-            answers: dict[str, Answer] = {e.part: (None, concluded(calls, e)) for e in ends}
-        else:
-            answers = self._answers(state, calls)
-            if episodes := sum(questions.episodes.values()):
-                calls.transcript.add(Played(generation, episodes))
+        questions = self.questions
+        answers = {part: self._answer(part, state, calls) for part in questions.parts}
         missing = sum(advice is None for advice, _ in answers.values())
         backup = ask(self.fallback, state, rng) if missing else None
-        values: dict[str, Any] = {"notes": {}}
+        values: dict[str, Any] = {"notes": {}, "episodes": sum(questions.episodes.values())}
         for part, (advice, notes) in answers.items():
             values["notes"] |= notes
             if (advice := advice or (backup if part != "edits" else None)) is not None:
@@ -128,12 +119,39 @@ class Adviser:
         """See `GenerationListener`."""
         self.questions.on_generation(generation)
 
-    def _given_up(self, calls: Calls, generation: int) -> Failure | None:
-        """The failure if the model is no longer asked; None if it is."""
-        for part in calls.transcript.parts:
-            if part.generation < generation and part.failed in HOPELESS:
-                return Failure(FailureKind(part.failed), part.why.removeprefix(f"{part.failed}: "))
-        most, useless = self.settings.useless, calls.transcript.useless_before(generation)
+    def _answer(self, part: str, state: PopulationState, calls: Calls) -> Answer:
+        """Asks for a part of the guidance, unless the model is no longer asked."""
+        generation, questions = state.now.generation, self.questions
+        questions.episodes[part] = 0
+        if failure := self._given_up(calls, generation, part):
+            why = f"{failure.kind}: {failure.message}"
+            end = Conclusion(generation, part, "fallback", why, (), failure.kind.value)
+            return None, concluded(calls, end)
+        return converse(
+            *(calls, generation, part),
+            supported(questions.request(part, state), calls.transcript, generation),
+            questions.check(part, state),
+            repairs=self.settings.repairs,
+            repair=questions.repair,
+        )
+
+    def _given_up(self, calls: Calls, generation: int, part: str) -> Failure | None:
+        """The failure if the model is not asked for this part of a generation; None if it is.
+
+        A rejected answer is useless, and so is a failure that may be charged; others are skipped.
+        """
+        later = {(generation, p) for p in self.questions.parts[self.questions.parts.index(part) :]}
+        useless: list[Conclusion] = []
+        for end in calls.transcript.parts:
+            if end.generation > generation or (end.generation, end.part) in later:
+                continue
+            if end.failed in HOPELESS:
+                return Failure(FailureKind(end.failed), end.why.removeprefix(f"{end.failed}: "))
+            if end.source != "fallback":
+                useless = []
+            elif end.rejected or end.failed in CHARGED:
+                useless.append(end)
+        most = self.settings.useless
         if most is None or len(useless) < most:
             return None
         last = f" (the last: {useless[-1].why})" if useless[-1].failed in CHARGED else ""
@@ -146,26 +164,6 @@ class Adviser:
         return Failure(
             FailureKind.USELESS, f"no usable answer to {len(useless)} questions in a row{last}"
         )
-
-    def _answers(self, state: PopulationState, calls: Calls) -> dict[str, Answer]:
-        """Asks for all parts at the same time; one by one if one of them could reach a cap."""
-        generation, questions = state.now.generation, self.questions
-        work = {
-            part: partial(
-                converse,
-                *(calls, generation, part),
-                supported(questions.request(part, state), calls.transcript, generation),
-                questions.check(part, state),
-                repairs=self.settings.repairs,
-                repair=questions.repair,
-            )
-            for part in questions.parts
-        }
-        caps = self.settings.caps.model_dump(exclude={"seconds"}).values()
-        together = isinstance(calls, LiveCalls) and not any(cap is not None for cap in caps)
-        # The first is asked in this thread, the others beside it.
-        aside = {part: in_thread(work[part]) for part in [*work][1:] if together}
-        return {part: aside[part].result() if part in aside else work[part]() for part in work}
 
 
 class LLM:
@@ -242,8 +240,7 @@ class LLM:
         generation = state.now.generation
         guidance = self.adviser.advise(state, rng, calls)
         self._warn(guidance, generation, calls.transcript)
-        played = [p.episodes for p in calls.transcript.played if p.generation == generation]
-        return replace(guidance, episodes=sum(played))
+        return guidance
 
     def spent(self) -> dict[str, float]:
         """See `SupervisorLifecycle`."""

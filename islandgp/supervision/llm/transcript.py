@@ -15,14 +15,12 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from threading import Lock
 from typing import Any, Final, TypeVar
 
 from islandgp.errors import SupervisionError
 from islandgp.gate import read_bytes
 from islandgp.plain import DECODE_ERRORS, from_json, read_json
 from islandgp.supervision.llm.message import (
-    CHARGED,
     Failure,
     FailureKind,
     Reply,
@@ -109,15 +107,7 @@ class Conclusion:
     failed: str = ""  # kind of the failure that ended it, else ""
 
 
-@dataclass(frozen=True, slots=True)
-class Played:
-    """Episodes that were simulated for the descriptions in prompts."""
-
-    generation: int
-    episodes: int
-
-
-Entry = Start | SharedText | Sent | Attempt | Conclusion | Played
+Entry = Start | SharedText | Sent | Attempt | Conclusion
 
 KINDS: Final[Mapping[str, type[Entry]]] = {
     "start": Start,
@@ -125,7 +115,6 @@ KINDS: Final[Mapping[str, type[Entry]]] = {
     "sent": Sent,
     "attempt": Attempt,
     "part": Conclusion,
-    "played": Played,
 }
 _NAMES: Final = {kind: name for name, kind in KINDS.items()}
 
@@ -168,7 +157,6 @@ class Transcript:
         """
         self.path, self.fixed = path, fixed
         self._entries: list[Entry] = []
-        self._lock = Lock()  # the questions of a generation are asked in several threads
         self._torn: int | None = None  # bytes of complete lines, if an incomplete one follows
         if path is not None and path.exists():
             content = read_bytes(path)
@@ -195,72 +183,46 @@ class Transcript:
         """The results of all questions, in order."""
         return self.of_kind(Conclusion)
 
-    @property
-    def played(self) -> list[Played]:
-        """The simulated episodes by generation."""
-        return self.of_kind(Played)
-
     def of(self, call: Call) -> list[Attempt]:
         """The attempts at a call, in order."""
         return [a for a in self.attempts if a.call == call]
 
-    def useless_before(self, generation: int) -> list[Conclusion]:
-        """The last questions in a row before a generation without a usable answer.
-
-        Rejected answers count, and failures that may be charged. Other failures are skipped.
-        """
-        useless: list[Conclusion] = []
-        for part in sorted(self.parts, key=lambda part: (part.generation, part.part)):
-            if part.generation < generation and part.source != "fallback":
-                useless = []
-            elif part.generation < generation and (part.rejected or part.failed in CHARGED):
-                useless.append(part)
-        return useless
-
-    def requests(self) -> tuple[list[Attempt], list[Sent]]:
-        """Attempts, and requests without an outcome, as one consistent pair.
-
-        Attempts that a cap prevented are left out.
-        """
-        with self._lock:
-            attempts = [a for a in self.attempts if a.failed is not FailureKind.BUDGET]
-            answered = Counter((a.call, a.number) for a in attempts)
-            unanswered = []
-            for request in reversed(self.of_kind(Sent)):  # of two the later has the outcome
-                if answered[request.call, request.number]:
-                    answered[request.call, request.number] -= 1
-                else:
-                    unanswered.append(request)
-        return attempts, unanswered
+    def unanswered(self) -> list[Sent]:
+        """The requests without an outcome."""
+        sent = [a for a in self.attempts if a.failed is not FailureKind.BUDGET]
+        answered = Counter((a.call, a.number) for a in sent)
+        requests = []
+        for request in reversed(self.of_kind(Sent)):  # of two the later has the outcome
+            if answered[request.call, request.number]:
+                answered[request.call, request.number] -= 1
+            else:
+                requests.append(request)
+        return requests
 
     def add(self, entry: Entry) -> None:
         """Writes an entry to the file before it returns.
 
         A conclusion, or another entry that is written once, is not added again.
         """
-        with self._lock:
-            repeated = not isinstance(entry, Sent | Attempt) and entry in self._entries
-            if self.fixed or repeated:
-                return
-            values = asdict(entry)
-            if isinstance(entry, Attempt):
-                values["request"] = entry.request.plain()
-                for name in _SHARED:
-                    if (text := getattr(entry.request, name)) is None:
-                        continue
+        repeated = not isinstance(entry, Sent | Attempt) and entry in self._entries
+        if self.fixed or repeated:
+            return
+        values = asdict(entry)
+        if isinstance(entry, Attempt):
+            values["request"] = entry.request.plain()
+            for name in _SHARED:
+                if (text := getattr(entry.request, name)) is not None:
                     values["request"][name] = sha256_of(text)
-                    if (shared := SharedText(sha256_of(text), text)) not in self._entries:
-                        self._entries.append(shared)
-                        self._write({"line": "system", **asdict(shared)})
-            self._entries.append(entry)
-            self._write({"line": _NAMES[type(entry)], **values})
+                    self.add(SharedText(sha256_of(text), text))
+        self._entries.append(entry)
+        self._write({"line": _NAMES[type(entry)], **values})
 
     def _write(self, line: Mapping[str, Any]) -> None:
-        if self.path is None:
+        if (path := self.path) is None:
             return
         data = json.dumps(line, ensure_ascii=False, allow_nan=False).encode() + b"\n"
-        self.path.parent.mkdir(parents=True, exist_ok=True)
-        with self.path.open("ab") as file:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with path.open("ab") as file:
             if self._torn is not None:
                 file.truncate(self._torn)
             self._torn = file.seek(0, os.SEEK_END)  # a failed write may leave an incomplete line
@@ -296,7 +258,7 @@ def describe(transcript: Transcript, generation: int | None) -> Iterator[str]:
             yield _attempt(entry, whole=generation is not None)
         if isinstance(entry, Conclusion) and generation in (None, entry.generation):
             yield f"  {entry.part}: {entry.source}" + f": {entry.why}" * bool(entry.why)
-    for request in transcript.requests()[1]:
+    for request in transcript.unanswered():
         yield f"{request.call}: sent, no answer is recorded"
 
 
