@@ -15,7 +15,7 @@ from islandgp.config.compose import Planned
 from islandgp.config.naming import is_choice
 from islandgp.errors import ConfigError, IslandError, RunError, brief
 from islandgp.evaluation.processes import cores
-from islandgp.records.arms import arm_table, arms, identical_arms, power_line
+from islandgp.records.arms import arm_table, identical_arms, power_line
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import identity_config, redacted, without_credentials
 from islandgp.records.sweep import SweepFolder, SweepJob
@@ -77,9 +77,8 @@ def run_sweep(planned: Sequence[Planned], command: str, home: Path) -> int:
         interrupted = True
     for sweep in sweeps.values():
         if (file := sweep.read()) is not None:
-            summaries = arms(sweep, file)
-            echo(f"\n{arm_table(summaries)}\n\nResults: {sweep.path}")
-            for names in identical_arms(sweep, summaries):
+            echo(f"\n{arm_table(sweep, file)}\n\nResults: {sweep.path}")
+            for names in identical_arms(sweep, file):
                 echo(f"Identical records, run by run: {', '.join(names)}")
     if interrupted:
         print("islandgp: stopped; the same command continues the run", file=sys.stderr)

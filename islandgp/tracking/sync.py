@@ -6,17 +6,20 @@ only chooses one of them, by its address and experiment.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future
+from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
-from typing import Any, Final
+from typing import Final
 
 from pydantic import ValidationError
 
-from islandgp.errors import IslandError, TrackingError, UntrustedError
+from islandgp.errors import TrackingError, UntrustedError
 from islandgp.gate import cleaned
 from islandgp.records.folder import RunFolder, Status, run_folders
-from islandgp.records.parameters import without_credentials
+from islandgp.records.parameters import flatten, without_credentials
 from islandgp.records.sweep import SweepFolder
 from islandgp.tracking.store import MLflowSettings, Store, TrackingStore
 from islandgp.tracking.upload import RunUploader, send_sweep
@@ -52,12 +55,11 @@ def place_of(folder: RunFolder, places: Iterable[TrackingStore]) -> TrackingStor
         RunError: the folder is damaged.
         UntrustedError: it names another store.
     """
-    tracking = folder.configuration().get("tracking")
-    if not isinstance(tracking, dict) or tracking.get("factory") != FACTORY:
+    values = flatten(folder.configuration())
+    if values.get("tracking.factory") != FACTORY:
         return None
-    params = tracking.get("policy")
-    params = params if isinstance(params, dict) else {}
-    uri, experiment = str(params.get("uri")).rstrip("/"), str(params.get("experiment"))
+    uri, experiment = (str(values.get(f"tracking.policy.{key}")) for key in ("uri", "experiment"))
+    uri = uri.rstrip("/")
     for place in places:
         if (place.configured, place.experiment) == (uri, experiment):
             return place
@@ -96,11 +98,19 @@ def sync(
     Returns:
         The folders by outcome, including unreachable stores and folders that cannot be sent.
     """
-    done = Synced()
-    stores: dict[TrackingStore, Store | IslandError | Exception] = {}
-    sweeps: dict[Path, TrackingStore] = {}
-    for folder in run_folders(root.resolve()):
+    done, sweeps = Synced(), dict[Path, TrackingStore]()
+    opened = cache(_opened)  # a store that was unreachable once is not tried again
+
+    @contextmanager
+    def noting(path: Path) -> Iterator[None]:
         try:
+            yield
+            alive()
+        except Exception as error:  # a store may fail in any way, and a folder be damaged
+            done.failed[path] = error
+
+    for folder in run_folders(root.resolve()):
+        with noting(folder.path):
             where = place or place_of(folder, places)
             if where is None:
                 done.untracked.append(folder.path)
@@ -108,33 +118,23 @@ def sync(
             sweeps[folder.path.parent] = where
             if folder.finished():
                 folder.must_be_sound()  # before a store is made for it
-            uploader = RunUploader(folder, _store(stores, where), alive)
+            uploader = RunUploader(folder, opened(where)(), alive)
             uploader.send(folder.status())
             (done.sent if uploader.has_sent else done.known).append(folder.path)
-            alive()
-        except Exception as error:  # a store may fail in any way, and a folder be damaged
-            done.failed[folder.path] = error
     for path, where in sweeps.items():
-        sweep = SweepFolder(path)
-        try:
-            if (file := sweep.read()) is None:
-                continue
-            status = Status.RUNNING if sweep.at_work() else sweep.status(file)
-            send_sweep(sweep, _store(stores, where), status)
-            alive()
-        except Exception as error:  # as above
-            done.failed[path] = error
+        with noting(path):
+            sweep = SweepFolder(path)
+            if (file := sweep.read()) is not None:
+                status = Status.RUNNING if sweep.at_work() else sweep.status(file)
+                send_sweep(sweep, opened(where)(), status)
     return done
 
 
-def _store(stores: dict[TrackingStore, Any], place: TrackingStore) -> Store:
-    """The store of a place; a place that was unreachable once is not tried again."""
-    if place not in stores:
-        try:
-            stores[place] = Store(place)
-        except Exception as error:
-            stores[place] = error
-    store = stores[place]
-    if isinstance(store, Exception):
-        raise store
-    return store  # type: ignore[no-any-return]
+def _opened(place: TrackingStore) -> Callable[[], Store]:
+    """A function that returns the store of a place, or raises the error of opening it."""
+    future: Future[Store] = Future()
+    try:
+        future.set_result(Store(place))
+    except Exception as error:
+        future.set_exception(error)
+    return future.result

@@ -12,15 +12,13 @@ import signal
 import socket
 import subprocess
 import sys
-import tempfile
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from importlib.metadata import PackageNotFoundError, distribution
 from pathlib import Path
 from time import monotonic, sleep
 from typing import Final
-from urllib.error import URLError
 from urllib.request import urlopen
 
 from islandgp.errors import TrackingError, brief
@@ -76,56 +74,39 @@ def served(place: TrackingStore, port: int) -> Iterator[Pages]:
     Raises:
         TrackingError: there is no such file, the port is taken, or the server does not start.
     """
-    if place.file is not None and not place.file.is_file():
-        raise TrackingError(
-            f"Expected an MLflow store in {place.file}, found no such file; give --uri of one that"
-            " is there, or leave it out for that of the last run."
-        )
-    if place.file is not None:
-        _must_have_server()
-        check_addresses(place.file)
-    store, sweep = _opened(place)
     if place.file is None:
-        yield _pages(place.uri, store.experiment, sweep)
+        yield _pages(place, place.uri)
         return
-    _must_be_free(port)
-    with tempfile.TemporaryFile() as log:
-        process = subprocess.Popen(
-            server_command(place, port),
-            # Without its job runner the server takes 0.5 GB in place of 3.5 GB.
-            env={**os.environ, "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"},
-            stdout=log,
-            stderr=log,
-            start_new_session=True,
-        )
-        try:
-            _wait(process, f"http://127.0.0.1:{port}")
-            place.remove_stray_folder()
-            yield _pages(f"http://{HOST}:{port}", store.experiment, sweep)
-        except TrackingError as error:
-            log.seek(0)
-            output = log.read().decode(errors="replace").strip()[-1000:]
-            raise TrackingError(f"{error}\n{output}") from None
-        finally:
-            _stop(process)
+    _must_be_servable(place.file, port)
+    pages = _pages(place, f"http://{HOST}:{port}")
+    process = subprocess.Popen(
+        server_command(place, port),
+        # Without its job runner the server takes 0.5 GB in place of 3.5 GB.
+        env={**os.environ, "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"},
+        stdout=2,  # the standard output has the addresses
+        start_new_session=True,
+    )
+    try:
+        _wait(process, f"http://127.0.0.1:{port}/health")
+        place.remove_stray_folder()
+        yield pages
+    finally:
+        _stop(process)
 
 
-def _pages(server: str, experiment: str, sweep: str) -> Pages:
-    arms = runs_page(server, experiment, "CHART") + "&viewStateShareKey=arms"
-    return Pages(arms, runs_page(server, experiment, "TABLE"), sweep)
-
-
-def _opened(place: TrackingStore) -> tuple[Store, str]:
-    """The store with its view, and the name of its latest sweep."""
+def _pages(place: TrackingStore, server: str) -> Pages:
+    """The pages on a server, once the store has the view of the arms. Raises TrackingError."""
     try:
         store = Store(place)
-        return store, share_view(store)
+        sweep = share_view(store)
     except TrackingError:
         raise
     except Exception as error:  # a store may be away, or damaged, in any way
         raise TrackingError(
             f"Expected an MLflow store at {place.uri}, found none that answers: {brief(error)}"
         ) from error
+    arms = runs_page(server, store.experiment, "CHART") + "&viewStateShareKey=arms"
+    return Pages(arms, runs_page(server, store.experiment, "TABLE"), sweep)
 
 
 def server_command(place: TrackingStore, port: int) -> list[str]:
@@ -136,22 +117,26 @@ def server_command(place: TrackingStore, port: int) -> list[str]:
         *("--backend-store-uri", place.address),
         *("--default-artifact-root", location(Path(place.artifacts or "mlartifacts").absolute())),
         *("--host", "127.0.0.1", "--port", str(port), "--workers", "1"),
+        *("--uvicorn-opts", "--log-level warning"),
         *("--allowed-hosts", ",".join(hosts)),
         *("--cors-allowed-origins", ",".join(f"http://{host}" for host in hosts)),
     ]
 
 
-def _must_have_server() -> None:
-    """Raises TrackingError if only MLflow's client (mlflow-skinny) is installed."""
+def _must_be_servable(file: Path, port: int) -> None:
+    """Raises TrackingError without the file, the whole of MLflow or a free port."""
+    if not file.is_file():
+        raise TrackingError(
+            f"Expected an MLflow store in {file}, found no such file; give --uri of one that"
+            " is there, or leave it out for that of the last run."
+        )
     try:
         distribution("mlflow")
     except PackageNotFoundError:
         raise TrackingError(
             "Expected MLflow with its pages, found its client alone; pip install 'islandgp[ui]'"
         ) from None
-
-
-def _must_be_free(port: int) -> None:
+    check_addresses(file)
     with socket.socket() as probe:
         if probe.connect_ex(("127.0.0.1", port)) == 0:
             raise TrackingError(
@@ -160,32 +145,20 @@ def _must_be_free(port: int) -> None:
 
 
 def _wait(process: subprocess.Popen[bytes], address: str) -> None:
+    """Waits until the server answers. Raises TrackingError if it ends, or does not answer."""
     end = monotonic() + STARTS
-    while monotonic() < end:
-        if process.poll() is not None:
-            raise TrackingError("Expected the MLflow server to start, found that it ended:")
-        try:
-            with urlopen(f"{address}/health", timeout=2):
-                return
-        except (URLError, OSError):
-            sleep(0.2)
-    raise TrackingError(f"Expected the MLflow server to answer in {STARTS:g} s, found silence:")
+    while monotonic() < end and process.poll() is None:
+        with suppress(OSError), urlopen(address, timeout=2):
+            return
+        sleep(0.2)
+    found = "silence" if process.poll() is None else "that it ended, for the reason above"
+    raise TrackingError(f"Expected the MLflow server to answer in {STARTS:g} s, found {found}.")
 
 
 def _stop(process: subprocess.Popen[bytes]) -> None:
     """Ends the server and its child processes; immediately at a second Ctrl-C."""
-    if process.poll() is not None:
-        return
-    try:
-        _end(process, kill=False)
-        process.wait(10)
-    except (subprocess.TimeoutExpired, KeyboardInterrupt):
-        _end(process, kill=True)
-        process.wait()
-
-
-def _end(process: subprocess.Popen[bytes], *, kill: bool) -> None:
-    if os.name == "posix":
-        os.killpg(process.pid, signal.SIGKILL if kill else signal.SIGTERM)
-    else:
-        process.kill()
+    for number in (signal.SIGTERM, signal.SIGKILL):
+        with suppress(subprocess.TimeoutExpired, KeyboardInterrupt, ProcessLookupError):
+            os.killpg(process.pid, number)
+            process.wait(10)
+            return

@@ -13,26 +13,50 @@ from __future__ import annotations
 import hashlib
 import shutil
 import tempfile
-from collections.abc import Callable, Iterable
+from collections.abc import Callable
 from contextlib import suppress
 from itertools import islice
 from pathlib import Path
-from typing import Final
+from typing import TYPE_CHECKING, Final
 
 from filelock import FileLock
 
+from islandgp.bt.core.language import parse
+from islandgp.bt.export.render import to_svg
 from islandgp.errors import RunError, TrackingError
-from islandgp.records.arms import ArmSummary, arm_table, arms, sweep_note
+from islandgp.gate import check_folder, read_text
+from islandgp.records.arms import arm_table, sweep_note
+from islandgp.records.files import LONG, PAGE, RunMetadata
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import flat
+from islandgp.records.sentences import best_robot_in_a_sentence, constrained, reached
 from islandgp.records.sweep import SweepFile, SweepFolder, arm_of
 from islandgp.records.values import generation_values, metric_values, run_values
 from islandgp.scoring.constraints import recorded_constraints
-from islandgp.tracking.artifacts import Artifact, artifacts, note
 from islandgp.tracking.store import ARM, LOCK, SENT, Store, points, run_key
 from islandgp.viewer.page_file import write_page
 
+if TYPE_CHECKING:
+    from mlflow.entities import Metric
+
 MARKER_METRIC: Final = "fitness_max"  # a metric that every generation has
+MAX_POINTS: Final = 1000  # MLflow's limit of points a call
+
+FILES: Final = (
+    "best.bt",
+    LONG,
+    "config.yaml",
+    "lineage.csv",
+    "generations.jsonl",
+    "costs.jsonl",
+    "summary.json",
+    "archive.json",
+    "manifest.json",
+    PAGE,
+    "transcript.jsonl",
+)
+"""Files of the folder that are sent unchanged. Without error.txt, whose content is in the note:
+MLflow cannot delete a file, and a failed run may be resumed."""
 
 
 class RunUploader:
@@ -80,7 +104,10 @@ class RunUploader:
             done = f"{status} {self.folder.completed_generations()}"
             try:
                 if self._run or not self._is_sent(status, done):
-                    self._send(status, done)
+                    self._send_generations()
+                    if status is not Status.RUNNING:
+                        self._end(status)
+                        self.store.client.set_tag(self._run, SENT, done)
             except BaseException:
                 self._run = ""
                 raise
@@ -88,55 +115,57 @@ class RunUploader:
 
     def _is_sent(self, status: Status, done: str) -> bool:
         """True if the store has everything; otherwise makes the run ready for more."""
-        run = self.store.find(run_key(self.about))
+        store, about, key = self.store, self.about, run_key(self.about)
+        run = store.find(key)
         if run is not None and (run.info.status, run.data.tags.get(SENT)) == (status, done):
             self._run = str(run.info.run_id)
             return True
-        about = self.about
-        self._run = (
-            str(run.info.run_id)
-            if run
-            else self.store.create(
-                run_key(about),
-                about.title,
-                command=about.command,
-                started=about.started,
-                tags=about.tags,
+        parent = parent_run(self.folder.path, store)
+        if run is not None:
+            self._run = str(run.info.run_id)
+            if status is Status.RUNNING:
+                store.client.update_run(self._run, status=status)
+        else:
+            tags = {**about.tags, ARM: arm_of(self.folder.path) or about.tags.get("arm", "")}
+            tags |= {"mlflow.parentRunId": parent} if parent else {}
+            self._run = store.create(
+                key, about.title, command=about.command, started=about.started, tags=tags
             )
-        )
-        self._next = self.store.last_step(self._run, MARKER_METRIC) + 1
-        if not self._next:  # else parameters and configuration were sent before the first point
-            self.store.log_parameters(self._run, flat(self.folder.configuration()))
-            self.store.client.log_text(self._run, self.folder.config() or "", "config.yaml")
-        arm = arm_of(self.folder.path) or self.about.tags.get("arm", "")
-        self.store.client.set_tag(self._run, ARM, arm)
-        if parent := parent_run(self.folder.path, self.store):
-            self.store.client.set_tag(self._run, "mlflow.parentRunId", parent)
-            if run is None:
-                self.store.delete_children(parent, self.about.title, without=self._run)
-        if status is Status.RUNNING:
-            self.store.client.update_run(self._run, status=status)
+            if parent:
+                store.delete_children(parent, about.title, without=self._run)
+        self._next = store.last_step(self._run, MARKER_METRIC) + 1
+        if not self._next:  # else parameters were sent before the first point
+            store.log_parameters(self._run, flat(self.folder.configuration()))
         self._progress()
         return False
 
-    def _send(self, status: Status, done: str) -> None:
+    def _send_generations(self) -> None:
+        """Sends the points of whole generations, as many in a call as MLflow accepts."""
         completed, first = self.folder.completed_generations(), self._next
         pairs = zip(self.folder.records(first), self.folder.costs(first), strict=False)
         constraints = recorded_constraints(self.folder.configuration())
+        waiting: list[Metric] = []
+        step = first
         for record, cost in islice(pairs, completed - first):
             values = metric_values(generation_values(record, cost, constraints))
-            batch = points(values, cost["at"], self._next)
-            self.store.client.log_batch(self._run, metrics=batch)
-            self._next += 1
-            self._progress()
-        if self._next < completed:
+            new = points(values, cost["at"], step)
+            if waiting and len(waiting) + len(new) > MAX_POINTS:
+                self._send_points(waiting, step)
+                waiting = []
+            waiting += new
+            step += 1
+        if waiting:
+            self._send_points(waiting, step)
+        if step < completed:
             raise TrackingError(
-                f"Expected {completed} generations in {self.folder.path}, found {self._next}; the"
+                f"Expected {completed} generations in {self.folder.path}, found {step}; the"
                 " run's records are damaged."
             )
-        if status is not Status.RUNNING:
-            self._end(status)
-            self.store.client.set_tag(self._run, SENT, done)
+
+    def _send_points(self, batch: list[Metric], following: int) -> None:
+        self.store.client.log_batch(self._run, metrics=batch)
+        self._next = following
+        self._progress()
 
     def _progress(self) -> None:
         self.has_sent = True
@@ -148,34 +177,50 @@ class RunUploader:
             with suppress(RunError):  # the records are sent without it
                 write_page(self.folder, status)
                 has_page = True
-        client, end_time = self.store.client, self._end_time()
+        client, about = self.store.client, self.about
+        end_time = max((int(cost["at"]) for cost in self.folder.costs()), default=about.started)
         # First, so that it is not RUNNING if anything below fails.
         client.set_terminated(self._run, status, end_time)
-        log_files(self.store, self._run, artifacts(self.folder, has_page=has_page))
+        with tempfile.TemporaryDirectory(prefix="islandgp-") as copies:
+            copy_artifacts(self.folder.path, Path(copies), has_page=has_page)
+            client.log_artifacts(self._run, copies)
         self._progress()
-        client.set_tag(self._run, "mlflow.note.content", note(self.folder, self.about, status))
+        client.set_tag(self._run, "mlflow.note.content", note(self.folder, about, status))
         # Points cannot be deleted, and a stopped run may be resumed.
         if status is Status.FINISHED and self.folder.finished():
             figures = metric_values(run_values(self.folder.summary()))
             numbers = {f"run/{name}": value for name, value in figures.items()}
-            batch = points(numbers, end_time, self._next - 1)
-            self.store.client.log_batch(self._run, metrics=batch)
-
-    def _end_time(self) -> int:
-        """Time of the last recorded generation, ms since 1970."""
-        return max((int(cost["at"]) for cost in self.folder.costs()), default=self.about.started)
+            client.log_batch(self._run, metrics=points(numbers, end_time, self._next - 1))
 
 
-def log_files(store: Store, run: str, files: Iterable[Artifact]) -> None:
-    """Sends files of an MLflow run, in one call."""
-    with tempfile.TemporaryDirectory(prefix="islandgp-") as folder:
-        for artifact in files:
-            file = Path(folder) / artifact.name
-            if isinstance(artifact.content, Path):
-                shutil.copyfile(artifact.content, file)
-            else:
-                file.write_text(artifact.content(), encoding="utf-8")
-        store.client.log_artifacts(run, folder)
+def copy_artifacts(run: Path, copies: Path, *, has_page: bool = True) -> None:
+    """Copies the files of a run that has ended, and its best tree as MLflow's pages show it.
+
+    `has_page`: this process has written the page; a page of others, which may hold any script, is
+    left out.
+    """
+    check_folder(run)
+    for name in FILES:
+        if (run / name).exists() and (has_page or name != PAGE):
+            shutil.copyfile(run / name, copies / name)
+    if (best := run / "best.bt").exists():
+        text = read_text(best)
+        (copies / "best.bt.txt").write_text(text, encoding="utf-8")
+        (copies / "best.svg").write_text(to_svg(parse(text)), encoding="utf-8")
+
+
+def note(folder: RunFolder, about: RunMetadata, status: Status) -> str:
+    """The run's description in MLflow, in Markdown."""
+    lines = [f"**{about.title}** ({status.value.lower()})", ""]
+    if folder.finished():
+        summary = folder.summary()
+        champion = summary["champion"]
+        sentences = [best_robot_in_a_sentence(champion), *reached(champion), *constrained(summary)]
+        lines += [*(f"- {line}" for line in sentences), "", "```", champion["text"].rstrip(), "```"]
+    elif error := folder.error():
+        lines += ["```", error.strip()[-3000:], "```"]
+    lines += ["", f"`{about.command}`", "", f"Records: `{folder.path}`"]
+    return "\n".join(lines)
 
 
 def parent_run(folder: Path, store: Store) -> str | None:
@@ -199,16 +244,19 @@ def send_sweep(sweep: SweepFolder, store: Store, status: Status) -> None:
     file = sweep.read()
     if file is None:
         return
-    summaries = arms(sweep, file)
-    done = f"{status} {_digest(summaries)}"
+    finished = sorted(job.folder for job in file.jobs if sweep.run(job).finished())
+    digest = hashlib.sha256("\n".join(finished).encode()).hexdigest()[:12] if finished else ""
+    done = f"{status} {digest}"
     with FileLock(sweep.path / LOCK):
         run, before, sent = _parent(sweep, file, store)
         if status is Status.RUNNING or (before, sent) == (status, done):
             return
-        client = store.client
-        client.set_terminated(run, status, _end_time(sweep, file))
-        client.set_tag(run, "mlflow.note.content", sweep_note(sweep, file, summaries, status))
-        client.log_text(run, arm_table(summaries), "arms.txt")
+        client, table = store.client, arm_table(sweep, file)
+        records = (sweep.path / job.folder / "generations.jsonl" for job in file.jobs)
+        times = [int(1000 * path.stat().st_mtime) for path in records if path.exists()]
+        client.set_terminated(run, status, max(times, default=file.started))
+        client.set_tag(run, "mlflow.note.content", sweep_note(sweep, file, table, status))
+        client.log_text(run, table, "arms.txt")
         client.log_artifact(run, str(sweep.path / "sweep.json"))
         for job in file.jobs:
             about = sweep.run(job).about()
@@ -228,16 +276,3 @@ def _parent(sweep: SweepFolder, file: SweepFile, store: Store) -> tuple[str, str
     tags = {"kind": "sweep", "sweep": name, "mlflow.note.content": f"`{command}`"}
     run = store.create(file.id, f"sweep {name}", command=command, started=file.started, tags=tags)
     return run, Status.RUNNING, None
-
-
-def _digest(arms: list[ArmSummary]) -> str:
-    """Identity of the finished runs; "" if there are none."""
-    names = sorted(run.folder for arm in arms for run in arm.finished)
-    return hashlib.sha256("\n".join(names).encode()).hexdigest()[:12] if names else ""
-
-
-def _end_time(sweep: SweepFolder, file: SweepFile) -> int:
-    """Time of the last recorded generation of any job, ms since 1970."""
-    records = (sweep.path / job.folder / "generations.jsonl" for job in file.jobs)
-    times = [int(1000 * path.stat().st_mtime) for path in records if path.exists()]
-    return max(times, default=file.started)

@@ -20,7 +20,7 @@ from islandgp.results import COLUMNS
 from islandgp.running.app import main
 from islandgp.running.progress import Progress
 from islandgp.running.report import report
-from islandgp.tracking.artifacts import FILES
+from islandgp.tracking.upload import FILES
 from tests.running.commands import ROOT, finish, start
 from tests.samples import CLASSES
 from tests.tracking.folders import steps

@@ -18,7 +18,7 @@ from islandgp.gate import CONTROL, cleaned
 from islandgp.tracking.sqlite_paths import check_addresses
 from islandgp.tracking.store import Store, TrackingStore
 from islandgp.tracking.sync import place_from, sync
-from islandgp.tracking.ui import _opened
+from islandgp.tracking.ui import _pages
 from tests.tracking.folders import closed_run, place
 
 SERVER = "http://127.0.0.1:9/x"
@@ -129,7 +129,7 @@ def test_any_value_in_any_column(table: str, kind: str, home: Path) -> None:
         failed = [cleaned(str(error)) for error in sync(home, place(home)).failed.values()]
         assert not any(CONTROL.search(brief(Exception(text))) for text in failed)
         with suppress(TrackingError):
-            assert not CONTROL.search(_opened(place(home))[1])
+            assert not CONTROL.search(_pages(place(home), "").sweep)
     assert {file.name for file in home.parent.iterdir()} == before
 
 

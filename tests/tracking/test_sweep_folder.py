@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from islandgp.errors import RunError
-from islandgp.records.arms import arm_table, arms, power_line
+from islandgp.records.arms import arm_table, power_line
 from islandgp.records.files import pretty
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import add_to_manifest
@@ -122,7 +122,7 @@ def test_points_of_different_rewards_are_marked(tmp_path: Path) -> None:
     heads = []
     for key in ("rewards.events.interaction.base", "gp.population"):
         sweep = started_sweep(tmp_path / key, job("1", f"{key}=8"), job("2", f"{key}=9"))
-        heads.append(arm_table(arms(sweep, file_of(sweep))).splitlines()[0])
+        heads.append(arm_table(sweep, file_of(sweep)).splitlines()[0])
     assert "validation mean, own scale  " in heads[0]
     assert "validation mean  " in heads[1]
 
@@ -130,7 +130,7 @@ def test_points_of_different_rewards_are_marked(tmp_path: Path) -> None:
 def test_an_arm_is_one_row_of_the_table(tmp_path: Path) -> None:
     """Also where a text in its name holds a line break."""
     sweep = started_sweep(tmp_path / "s", job("1", 'a="x|\ny"'), job("2", "a=z"))
-    _, *rows = arm_table(arms(sweep, file_of(sweep))).splitlines()
+    _, *rows = arm_table(sweep, file_of(sweep)).splitlines()
     assert len(rows) == 2
     assert rows[0].startswith('a="x| y"  0 of 1')
 
@@ -216,11 +216,11 @@ def test_the_table_shows_how_many_answers_were_the_fallbacks(tmp_path: Path) -> 
     sweep = started_sweep(tmp_path / "s", job("one"), job("two", seed=1), job("three", seed=2))
     for name in ("one", "two"):
         closed_run(tmp_path / "s" / name, tmp_path)
-    assert "fallback" not in arm_table(arms(sweep, file_of(sweep)))
+    assert "fallback" not in arm_table(sweep, file_of(sweep))
     folder = sweep.run(job("one"))
     assert folder.summary()["answers"] == {"total": 4, "fallback": 0, "in_part": 0}
     with_summary(folder, answers={"total": 4, "fallback": 3, "in_part": 1})
-    head, row = arm_table(arms(sweep, file_of(sweep))).splitlines()
+    head, row = arm_table(sweep, file_of(sweep)).splitlines()
     assert head.endswith("  diversity  fallback's answers")
     assert row.endswith("  3 of 8, 1 of them in part")
 
@@ -246,7 +246,7 @@ def test_the_table_s_median_is_over_all_runs(
         summary["first"]["complete"] = first
         (folder.path / "summary.json").write_bytes(pretty(summary))
         add_to_manifest(folder.path, "summary.json")
-    (row,) = arm_table(arms(sweep, file_of(sweep))).splitlines()[1:]
+    (row,) = arm_table(sweep, file_of(sweep)).splitlines()[1:]
     assert row.startswith(f"baseline  {len(firsts)} of {len(firsts) + 1}  ")
     assert f"  {expected}  " in row
 
@@ -258,6 +258,6 @@ def test_a_milestone_of_another_domain_s_arm_is_no_cell_of_this_one(tmp_path: Pa
         closed_run(tmp_path / "s" / name, tmp_path)
     folder = sweep.run(job("there", "domain=there"))
     with_summary(folder, first={"solved": 3})
-    rows = arm_table(arms(sweep, file_of(sweep))).splitlines()
+    rows = arm_table(sweep, file_of(sweep)).splitlines()
     assert rows[0].endswith("  Solved      diversity")
     assert ["3 (1 of 1)" in row for row in rows[1:]] == [False, True]

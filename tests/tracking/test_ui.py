@@ -107,7 +107,9 @@ from islandgp.cli import main
 from islandgp.tracking import ui
 
 def stand_in(place, port):
-    return [sys.executable, "-m", "http.server", str(port), "--bind", "127.0.0.1"]
+    quiet = "h.SimpleHTTPRequestHandler.log_message = lambda *_: None"
+    serve = f"h.HTTPServer(('127.0.0.1', {port}), h.SimpleHTTPRequestHandler).serve_forever()"
+    return [sys.executable, "-c", "\\n".join(["import http.server as h", quiet, serve])]
 
 ui.server_command = stand_in
 main()
