@@ -8,7 +8,8 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from difflib import get_close_matches
 from typing import Any, Final
 
@@ -88,14 +89,24 @@ def explain(error: Exception, overrides: Sequence[str], source: ConfigSource) ->
         loader = source.loader()
         choices = [o for o in overrides if loader.get_group_options(o.partition("=")[0])]
         config = OmegaConf.to_container(source.compose(choices), resolve=False)
-        for search in source.options("search") if match[1].startswith("allocation.") else ():
-            if OmegaConf.select(source.compose([f"search={search}"]), match[1]) is not None:
-                return f"{match[1]}: not a slot of the chosen search; search={search} has it."
-        return unknown_key(match[1], config)
+        key = match[1]
+        return unknown_key(key, config, lambda: _elsewhere(key, choices, source))
     if match := re.search(UNKNOWN_OPTION, text):
         return unknown_option(match[1], match[2], re.findall(r"^\t(\S+)$", match[3], re.MULTILINE))
     cause = f" ({brief(error.__cause__)})" if isinstance(error.__cause__, Exception) else ""
     return f"{' '.join(text.split())}{cause}"
+
+
+def _elsewhere(key: str, choices: Sequence[str], source: ConfigSource) -> str:
+    """The option of the key's group that has the key, as GROUP=OPTION; "" if none has it."""
+    group = "search" if key.startswith("allocation.") else key.partition(".")[0]
+    others = [choice for choice in choices if key_of(choice) != group]
+    for chosen in ([], *([f"{group}={option}"] for option in source.options(group))):
+        with suppress(*USER_ERRORS):
+            config = source.compose([*others, *chosen])
+            if OmegaConf.select(config, key) is not None:
+                return f"{group}={config.hydra.runtime.choices[group]}"
+    return ""
 
 
 def _undecodable(source: ConfigSource) -> str:
@@ -115,11 +126,18 @@ def unknown_option(group: str, option: str, options: Sequence[str]) -> str:
     return f"{group}={option}: unknown option; {hint}there are {', '.join(options)}"
 
 
-def unknown_key(path: str, config: Any) -> str:
-    """The message for a dotted key that `config` does not have, with the nearest one."""
+def unknown_key(path: str, config: Any, elsewhere: Callable[[], str] = str) -> str:
+    """The message for a dotted key that `config` does not have.
+
+    It names a key that is spelt almost so, or the option that has it as `elsewhere` finds it, or a
+    key of the same name in another place.
+    """
     keys = [key for key in _keys(config) if key != path]
     last = [key for key in keys if key.rpartition(".")[2] == path.rpartition(".")[2]]
-    near = get_close_matches(path, keys, 1, 0.85) or get_close_matches(path, last, 1, 0.5)
+    near = get_close_matches(path, keys, 1, 0.85)
+    if not near and (option := elsewhere()):
+        return f"{path}: unknown key; {option} has it."
+    near = near or get_close_matches(path, last, 1, 0.5)
     remedy = (
         f"did you mean {near[0]}?"
         if near

@@ -126,6 +126,8 @@ def _choices(settings: Settings, dead: Sequence[str], source: ConfigSource) -> I
                 other = read_settings(cast(Any, OmegaConf.to_container(composed, resolve=True)))
             except (*USER_ERRORS, IslandError):  # it needs more than this choice
                 continue
-            keys = keys_read(settings.model_copy(update={group: getattr(other, group)}))
+            chosen = ("search", "allocation", "curriculum") if group == "search" else (group,)
+            update = {each: getattr(other, each) for each in chosen}
+            keys = keys_read(settings.model_copy(update=update))
             if all(acts(key, keys) for key in dead):
                 yield f"{group}={option}"

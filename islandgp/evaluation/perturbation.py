@@ -142,18 +142,17 @@ def staged(world: BaseModel, changes: Mapping[str, Any]) -> BaseModel:
 
     Raises pydantic.ValidationError if they are invalid.
     """
-    if not changes:
-        return world
-    settings = world.model_dump()
-    for name, value in _flat(changes).items():
-        *above, last = name.split(".")
-        place = settings
-        for part in above:
-            if not isinstance(place.get(part), dict):
-                place[part] = {}
-            place = place[part]
-        place[last] = value
-    return type(world).model_validate(settings)
+    return type(world).model_validate(_changed(world.model_dump(), changes)) if changes else world
+
+
+def _changed(settings: Any, changes: Mapping[str, Any]) -> dict[str, Any]:
+    changed = {**settings} if isinstance(settings, Mapping) else {}
+    for name, value in changes.items():
+        first, _, rest = name.partition(".")
+        inner = {rest: value} if rest else value
+        nested = isinstance(inner, Mapping)
+        changed[first] = _changed(changed.get(first), inner) if nested else inner
+    return changed
 
 
 def recorded_perturbation(config: Mapping[str, Any]) -> Perturbation | None:
@@ -166,6 +165,6 @@ def _flat(values: Mapping[Any, Any], path: str = "") -> dict[str, Any]:
     """The values of nested mappings by dotted name."""
     flat: dict[str, Any] = {}
     for key, value in values.items():
-        nested = isinstance(value, Mapping)
+        nested = value and isinstance(value, Mapping)
         flat |= _flat(value, f"{path}{key}.") if nested else {f"{path}{key}": value}
     return flat

@@ -110,14 +110,18 @@ def test_what_is_missing_is_reported_once_in_every_run(
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("short_search")
-def test_the_search_counts_in_the_budget(example: Path) -> None:
-    """Of the run that searches, and of a later one: a quarter at most, and a generation is left.
+def test_the_search_counts_in_the_budget(
+    example: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    """Of the run that searches, and of one beside it: a quarter at most, and a generation is left.
 
-    A run that uses no library searches for none.
+    The second job waits for the search of the first. A run that uses no library searches for none.
     """
     short = [word for word in SHORT_RUN if not word.startswith("gp.generations=")]
     budget = (*short, "progress=off", "budget.episodes=200")
-    assert main([*budget, "seed=1,2", "-m"]) == 0
+    at_once = ("hydra/launcher=local", "hydra.launcher.n_jobs=2")
+    assert main([*budget, *at_once, "seed=1,2", "-m"]) == 0
+    assert capfd.readouterr().err.count("searching for a tree") == 1
     (file,) = (example / "runs/.libraries").glob("*.json")
     episodes = json.loads(file.read_text())["episodes"]
     assert 40 < episodes <= 50

@@ -58,6 +58,7 @@ def test_without_changes_there_is_one_domain() -> None:
             "curriculum.stages.0.world.episde: unknown key; did you mean"
             " curriculum.stages.0.world.episode?",
         ),
+        ({"nothing": {}}, "curriculum.stages.0.world.nothing: unknown key;"),
         (
             {"episode": {"bloks": 1}},
             "curriculum.stages.0.world.episode.bloks: unknown key;",

@@ -143,7 +143,7 @@ def test_a_key_that_is_not_read_changes_no_individual(search: str, supervisor: s
         ),
         (
             ["allocation.niche_share=0.5"],
-            "allocation.niche_share: not a slot of the chosen search; search=paper has it.",
+            "allocation.niche_share: unknown key; search=paper has it.",
         ),
         (["search=racing,paper", "gp.crossover_rate=0.1,0.2", "-m"], "search=racing does not read"),
         (["search=random", "supervisor=baseline,expert", "-m"], "search=random with supervisor="),
