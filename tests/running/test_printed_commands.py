@@ -5,6 +5,7 @@ from __future__ import annotations
 import ast
 import re
 import shlex
+import tomllib
 from html import unescape
 from pathlib import Path
 from typing import Final
@@ -23,6 +24,8 @@ COMMAND: Final = re.compile(
     r"|(?:^| )(islandgp [a-z]+ [A-Z-]\S*(?: [^.;,]*)?|python -m islandgp(?= to))"
 )
 """In a message: in backticks, or a subcommand with its words."""
+
+INSTALLED: Final = re.compile(r"pip install [^\n']*'(islandgp[\w-]*)\[(\w+)\]'")
 
 EXECUTED: Final = {
     "islandgp check {}": "check tree.bt",
@@ -73,6 +76,18 @@ def test_the_commands_of_messages_run(
     result = CliRunner().invoke(group, [*words.split(), *more])
     assert result.exit_code == 0, result.output
     assert result.output or words.startswith("export")
+
+
+def test_the_extras_of_messages_and_docs_exist() -> None:
+    """`pip install 'islandgp[ui]'` and those of plug-ins; pip only warns of others."""
+    files = [ROOT / "pyproject.toml", *ROOT.glob("plugins/*/pyproject.toml")]
+    projects = [tomllib.loads(file.read_text())["project"] for file in files]
+    extras = {p["name"]: p.get("optional-dependencies", ()) for p in projects}
+    sources = (f for part in ("islandgp", "plugins", "docs") for f in (ROOT / part).rglob("*.*"))
+    texts = [f.read_text(encoding="utf-8") for f in sources if f.suffix in (".py", ".md")]
+    named = {each for text in texts for each in INSTALLED.findall(text)}
+    assert ("islandgp", "ui") in named
+    assert [each for each in named if each[1] not in extras[each[0]]] == []
 
 
 @pytest.mark.slow
