@@ -23,22 +23,28 @@ if TYPE_CHECKING:
 
 
 @dataclass(slots=True)
-class LibraryCost:
-    """Episodes of the search for a run's library; 0 until the run loads it."""
+class LoadedLibrary:
+    """A run's library, which is loaded once, when it is first needed."""
 
-    episodes: int = 0
+    library: Library | None = None
 
-    def of(self, library: Library) -> Library:
-        """Stores the cost of a library and returns the library."""
-        self.episodes = library.episodes
-        return library
+    @property
+    def episodes(self) -> int:
+        """Episodes of the search for the library; 0 until the run loads it."""
+        return 0 if self.library is None else self.library.episodes
+
+    def of(self, settings: Settings, domain: Domain) -> Library:
+        """The library. Raises as `make_library`."""
+        if self.library is None:
+            self.library = make_library(settings, domain)
+        return self.library
 
 
 def run_context(
-    settings: Settings, folder: Path | None = None, cost: LibraryCost | None = None
+    settings: Settings, folder: Path | None = None, loaded: LoadedLibrary | None = None
 ) -> RunContext:
     """The arguments of a supervisor's `make`; parts that the search does not use are off."""
-    cost, uses = cost or LibraryCost(), settings.search.factory.uses
+    loaded, uses = loaded or LoadedLibrary(), settings.search.factory.uses
     problem, curriculum = settings.problem(), settings.curriculum
     domain = problem.domain
     reads = settings.supervisor.reads()
@@ -49,7 +55,7 @@ def run_context(
         must_be_declared("library", keys)
         if settings.library.folder is None and not is_read("library", keys_read(settings)):
             return Library({}, {}, {}, {})
-        return cost.of(make_library(settings, domain))
+        return loaded.of(settings, domain)
 
     return RunContext(
         seed=settings.seed,
@@ -91,7 +97,7 @@ def make_library(settings: Settings, domain: Domain) -> Library:
 def plan_of(
     settings: Settings,
     domain: Domain,
-    cost: LibraryCost | None = None,
+    loaded: LoadedLibrary | None = None,
     warn: Callable[[str], None] = lambda _: None,
 ) -> Plan:
     """The plan of a run, with the first trees of its population from a library or an archive.
@@ -109,19 +115,19 @@ def plan_of(
         return replace(plan, founders=trees)
     if not settings.gp.founders:
         return plan
-    library = (cost or LibraryCost()).of(make_library(settings, domain))
+    library = (loaded or LoadedLibrary()).of(settings, domain)
     names = dict.fromkeys(name for target in library.targets.values() for name in target)
     founders = (library.trees[name] for name in names)
     return replace(plan, founders=tuple(t for t in founders if within(t, plan.gp.limits)))
 
 
 def make_supervisor(
-    settings: Settings, folder: Path | None, cost: LibraryCost | None = None
+    settings: Settings, folder: Path | None, loaded: LoadedLibrary | None = None
 ) -> Supervisor:
     """Makes the configured supervisor. Raises SupervisionError if it cannot work."""
     part = settings.supervisor
     with plugin_errors(path_of(part.factory)):
-        context = run_context(settings, folder, cost)
+        context = run_context(settings, folder, loaded)
         supervisor: Supervisor = part.factory.make(part.settings(), context)
         if not callable(getattr(supervisor, "advise", None)):
             kind = type(supervisor).__name__

@@ -27,7 +27,7 @@ from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import redacted
 from islandgp.running.best_robot import best_robot
 from islandgp.running.parts import (
-    LibraryCost,
+    LoadedLibrary,
     make_evaluator,
     make_search,
     make_supervisor,
@@ -101,9 +101,9 @@ def run(
     tracker: Tracker = settings.tracking.factory.make(settings.tracking.settings(), home)
     if target.finished():
         return _complete(target, tracker, settings)
-    cost = LibraryCost()
-    supervisor = make_supervisor(settings, target.path, cost)
-    plan = plan_of(settings, settings.make_domain(), cost, _warn)
+    loaded = LoadedLibrary()
+    supervisor = make_supervisor(settings, target.path, loaded)
+    plan = plan_of(settings, settings.make_domain(), loaded, _warn)
     about = about_run(settings, config, target, home, command)
     status, curves = Status.FAILED, None
     try:
@@ -112,7 +112,7 @@ def run(
             return _complete(target, tracker, settings)
         tracker.start(target)
         try:
-            totals = _evolve(settings, plan, target, supervisor, tracker, cost, on_generation)
+            totals = _evolve(settings, plan, target, supervisor, tracker, loaded, on_generation)
             status, curves = Status.FINISHED, totals.curves
         except (KeyboardInterrupt, _CallbackError):
             status = Status.KILLED
@@ -174,7 +174,7 @@ def _evolve(
     target: RunFolder,
     supervisor: Supervisor,
     tracker: Tracker,
-    cost: LibraryCost,
+    loaded: LoadedLibrary,
     on_generation: OnGeneration | None,
 ) -> RunTotals:
     """The generations, the best robot, the archive and the summary, all written to the folder."""
@@ -199,7 +199,7 @@ def _evolve(
         search=search,
         start=start,
         past=target.generations() if done and needs_past else (),
-        library_episodes=lambda: cost.episodes,
+        library_episodes=lambda: loaded.episodes,
     )
 
     def write(step: Step) -> None:

@@ -110,9 +110,7 @@ def test_what_is_missing_is_reported_once_in_every_run(
 
 @pytest.mark.slow
 @pytest.mark.usefixtures("short_search")
-def test_the_search_counts_in_the_budget(
-    example: Path, capfd: pytest.CaptureFixture[str]
-) -> None:
+def test_the_search_counts_in_the_budget(example: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """Of the run that searches, and of one beside it: a quarter at most, and a generation is left.
 
     The second job waits for the search of the first. A run that uses no library searches for none.

@@ -393,15 +393,16 @@ def test_trees_of_the_library_are_run(example: Path, islandgp: Cli) -> None:
     (example / "trees/all.bt").write_text((example / "carry.bt").read_text())
     (example / "carry.bt").write_text("domain pick_place\nMoveToPik\n")
     file = example / "conf/domain/pick_place.yaml"
-    each = "localising: [all], driving: [all], picking: [all], placing: [al]"
+    (example / "trees/none.bt").write_text("domain pick_place\nMoveToPick PlaceIt\n")
+    each = "localising: [all], driving: [all], picking: [all], placing: [all]"
     library = f"{{folder: trees, trees: {{{each}}}}}"
     text = file.read_text(encoding="utf-8").replace("{folder: null}", library)
     file.write_text(text, encoding="utf-8")
     code, out = check(islandgp, "pick_place")
     assert code == 0
     first, second = out.splitlines()
-    assert first.startswith("left out: library: expected a tree in ")
-    assert second.startswith(f"left out: {example}/carry.bt:2:1: unknown action 'MoveToPik'")
+    assert first.startswith(f"left out: {example}/carry.bt:2:1: unknown action 'MoveToPik'")
+    assert second.startswith(f"left out: {example}/trees/none.bt:2:")
 
 
 @pytest.mark.slow

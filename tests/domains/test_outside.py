@@ -86,7 +86,7 @@ def test_smoke_is_for_any_domain(example: Path, capsys: pytest.CaptureFixture[st
     )
     assert main(arguments) == 0
     assert "Best robot" in capsys.readouterr().out
-    assert list((example / "runs" / "smoke").glob("fixed-seed0-*/summary.json"))
+    assert list((example / "runs" / "smoke").glob("baseline-seed0-*/summary.json"))
 
 
 def test_another_reward_is_put_on_top_of_the_domains_file(

@@ -442,13 +442,13 @@ def test_a_user_s_configuration_comes_first(cwd: Path) -> None:
 def test_a_first_file_without_defaults_of_a_domain(cwd: Path) -> None:
     """It names its domain's class itself, without the group whose files are called as domains."""
     parts = {"world": "island", "library": "single", "supervisor": "expert"}
-    papers = dict.fromkeys(("rewards", "curriculum", "classes", "allocation", "gp"), "paper")
+    papers = dict.fromkeys(("rewards", "curriculum", "classes", "gp", "search"), "paper")
     machinery = {"evaluator": "processes", "tracking": "off"}
     config = yaml.safe_load(resource("conf/config.yaml").read_text(encoding="utf-8"))
     config["defaults"] = [
         "_self_",
         *({group: choice} for group, choice in {**parts, **papers, **machinery}.items()),
-        *(line for line in config["defaults"] if "hydra" in str(line)),
+        *(line for line in config["defaults"] if "hydra" in str(line) or "allocation" in str(line)),
     ]
     config |= {"domain": {"factory": "islandgp.domains.island:Island"}, "name": "whole"}
     (cwd / "own").mkdir()

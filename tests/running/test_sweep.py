@@ -206,7 +206,7 @@ def test_a_repeated_run_never_takes_the_folder_of_another(
 ) -> None:
     """The second run of rate 0 is not in the folder of rate 0.2, which comes later."""
     monkeypatch.chdir(tmp_path)
-    overrides = [*INSTANT, "name=d.2", "-m"]
+    overrides = [*INSTANT, "search=paper", "name=d.2", "-m"]
     assert main([*overrides, "gp.mutation_rate=0"]) == 0
     assert main([*overrides, "gp.mutation_rate=0,0.2", "resume=never"]) == 0
     jobs = file_in(tmp_path / "runs/d.2").jobs
