@@ -16,7 +16,7 @@ from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
 from errno import ENOSPC
 from math import inf
-from multiprocessing import resource_tracker
+from multiprocessing import resource_tracker, set_start_method
 from threading import Thread
 from time import sleep
 from typing import Final
@@ -60,6 +60,12 @@ def end_with_parent(parent: int) -> None:
     Thread(target=_watch, args=(parent,), name="parent", daemon=True).start()
 
 
+def prepare_worker(parent: int) -> None:
+    """Prepares a process of loky: it ends with its parent, and code may use multiprocessing."""
+    end_with_parent(parent)
+    set_start_method(None, force=True)  # loky's, which others do not know
+
+
 def _watch(parent: int) -> None:
     while os.getppid() == parent:
         sleep(PERIOD)
@@ -69,7 +75,7 @@ def _watch(parent: int) -> None:
 def _start(problem: Problem, limit: float, parent: int) -> None:
     """Prepares a worker, which leaves Ctrl-C to its parent."""
     global _problem, _limit
-    end_with_parent(parent)
+    prepare_worker(parent)
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if hasattr(signal, "pthread_sigmask"):
         signal.pthread_sigmask(signal.SIG_UNBLOCK, STOPPING)

@@ -17,7 +17,7 @@ from typing import Any, Final
 
 from islandgp.config.settings import Settings, read_settings
 from islandgp.errors import BusyError, ConfigError
-from islandgp.evaluation.processes import cores, end_with_parent
+from islandgp.evaluation.processes import cores, prepare_worker
 from islandgp.plugin import ComponentConfig
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.values import validation_mean
@@ -92,7 +92,7 @@ def jobs_at_once(launcher: Mapping[str, Any], jobs: int) -> int:
 def _in_processes(tasks: Sequence[SweepTask], n: int) -> None:
     from loky import ProcessPoolExecutor
 
-    pool = ProcessPoolExecutor(n, initializer=end_with_parent, initargs=(os.getpid(),))
+    pool = ProcessPoolExecutor(n, initializer=prepare_worker, initargs=(os.getpid(),))
     try:
         for future in [pool.submit(run_job, task) for task in tasks]:
             future.result()

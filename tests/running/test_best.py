@@ -139,7 +139,9 @@ def test_the_best_robots_of_a_sweep(tmp_path: Path) -> None:
     assert rows[0]["evolved"]
     assert rows[0]["difference"] == 0
     assert "a sweep's" in str(best(folder, "--tier", "complete").exception)
-    (folder / f"{rows[0]['name'].partition(',')[0]}/summary.json").unlink()
+    stopped = folder / rows[0]["name"].partition(",")[0]
+    for name in ("summary.json", "manifest.json"):
+        (stopped / name).unlink()
     assert "left out, as they are not finished: " in best(folder, "--worlds", "2").output
 
 

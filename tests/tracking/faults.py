@@ -11,7 +11,7 @@ from typing import Any
 from islandgp.records.folder import RunFolder, Status
 from islandgp.tracking.store import Store, TrackingStore
 from islandgp.tracking.upload import RunUploader
-from tests.tracking.folders import begun, finished, steps
+from tests.tracking.folders import archive, begun, finished, steps
 
 
 class Fault(Enum):
@@ -87,7 +87,7 @@ def stages(home: Path) -> list[Stage]:
         folder.append(step)
     stage(Status.RUNNING)
     folder.append(all_steps[4])
-    folder.finish(finished(folder, all_steps[4]))
+    folder.finish(finished(folder, all_steps[4]), archive(all_steps[4]))
     folder.close()
     stage(Status.FINISHED)
     return copies

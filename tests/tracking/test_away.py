@@ -25,7 +25,7 @@ from tests.running.commands import TINY, fake, finish, group_members, start
 from tests.running.histories import store as open_store
 from tests.running.histories import tracked
 from tests.tracking import servers
-from tests.tracking.folders import begun, closed_run, finished, history, place, steps
+from tests.tracking.folders import archive, begun, closed_run, finished, history, place, steps
 from tests.trees.shell import Cli
 
 
@@ -80,7 +80,7 @@ def test_a_store_deleted_under_way_is_made_again(
     for step in all_steps[1:]:
         folder.append(step)
         follows.generation()
-    folder.finish(finished(folder, all_steps[-1]))
+    folder.finish(finished(folder, all_steps[-1]), archive(all_steps[-1]))
     assert follows.finish(Status.FINISHED).endswith("islandgp ui shows it")
     folder.close()
     store = Store(place(home))

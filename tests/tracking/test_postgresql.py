@@ -22,7 +22,6 @@ from tests.tracking.test_ui import free_port
 GENERATIONS = 4
 TINY = (
     "supervisor=baseline", "gp.population=6", f"gp.generations={GENERATIONS}",
-    "gp.tournament_size=2",
     "world.episode.length=20", "evaluator=serial", "progress=plain", "tracking.policy.patience=600",
 )  # fmt: skip
 

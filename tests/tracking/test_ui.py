@@ -294,7 +294,7 @@ def test_the_server_shows_two_arms(home: Path, store: Store) -> None:
         curves = "[...document.querySelectorAll('.js-line')].map(line => line.style.stroke).join()"
         browser.wait_for(*map(rgb, colours.values()), script=curves)
         browser.open(pages.runs)
-        browser.wait_for("seed", "run/validation_mean", "101")
+        browser.wait_for("sweep a", "3 matching runs")
         with socket.socket() as probe:  # the whole of 127.* is this machine, but not all is served
             assert probe.connect_ex(("127.0.0.2", port)) != 0
     with pytest.raises(OSError):  # noqa: PT011 -- any error of a closed port
