@@ -325,7 +325,7 @@ def test_costs() -> None:
 
 
 def test_three_generations_golden() -> None:
-    """Three generations of records, as somebody last read them."""
+    """The records of three generations, against a golden file."""
     text = json.dumps(three_generations(), indent=1)
     check_golden("three_generations.json", text + "\n")
 

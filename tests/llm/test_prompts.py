@@ -1,4 +1,4 @@
-"""Prompts: whole, as somebody last read them, and made of the declarations they speak of."""
+"""Prompts: golden files of whole ones, and texts that follow from declarations."""
 
 from __future__ import annotations
 
