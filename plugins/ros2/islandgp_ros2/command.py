@@ -39,6 +39,12 @@ _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
     "--once", is_flag=True, help="Stop when the tree succeeds or fails; exit code 0 or 1."
 )
 @click.option(
+    "--leaves",
+    "leaves_file",
+    type=_FILE,
+    help="Python file with functions for leaves that need no server.",
+)
+@click.option(
     "--view",
     metavar="PORT",
     type=click.IntRange(1, 65_535),
@@ -50,6 +56,7 @@ def command(
     rate: float,
     vocabulary: Path | None,
     once: bool,
+    leaves_file: Path | None,
     view: int | None,
 ) -> None:
     """Tick the tree in the file TREE as a node of ROS 2.
@@ -76,7 +83,7 @@ def command(
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda number, _: signals.append(number))
     with ros_node(robot_map.node) as (node, spin):
-        tree_node = TreeNode(node, tree, robot_map, vocabulary, step_s=1 / rate)
+        tree_node = TreeNode(node, tree, robot_map, vocabulary, leaves=leaves_file, step_s=1 / rate)
         try:
             with viewed(tree_node.minute, view) if view else nullcontext():
                 status = run(spin, tree_node, rate, lambda: bool(signals), once=once)

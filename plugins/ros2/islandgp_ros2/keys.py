@@ -1,21 +1,23 @@
-"""Blackboard keys of a tree as fields of topics, of services' responses and of results."""
+"""Blackboard keys of a tree: fields of topics and of services' responses, and results."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from math import isfinite
 from time import monotonic
 from typing import Any
 
+from islandgp.bt.core.parameters import referenced
+from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY
 from islandgp.errors import ConfigError
 from islandgp_ros2.messages import filled, interface, must_have, value_of
-from islandgp_ros2.robot_map import ActionServer, ResultKey, RobotMap, ServiceKey, TopicKey
+from islandgp_ros2.robot_map import RobotMap, ServiceKey, TopicKey
 
 
 class RosKey:
-    """The last value of one key or condition."""
+    """The last value of one key or condition that a topic or a service sets."""
 
-    def __init__(self, place: str, entry: TopicKey | ServiceKey | ResultKey, message: Any) -> None:
+    def __init__(self, place: str, entry: TopicKey | ServiceKey, message: Any) -> None:
         """Starts without a value.
 
         Args:
@@ -27,7 +29,7 @@ class RosKey:
             ConfigError: the message has no such field.
         """
         must_have(message, entry.field, f"{place}.field")
-        self.entry, self.place = entry, place
+        self.place, self._entry = place, entry
         self.sample = value_of(message, entry.field)
         """A value of the field's type; None for an element of an empty list."""
         self.look: Callable[[], None] = lambda: None
@@ -38,40 +40,76 @@ class RosKey:
 
     def take(self, message: Any) -> None:
         """Handle a message. NaN and infinity, which sensors send for a missing value, are none."""
-        value = value_of(message, self.entry.field)
+        value = value_of(message, self._entry.field)
         self._value = None if isinstance(value, float) and not isfinite(value) else value
         self._at = monotonic()
         self.is_received = True
 
-    def check(self, *, text: bool) -> None:
-        """Raises ConfigError if a condition cannot read the field.
-
-        `text`: whether the field can be a text.
-        """
-        types = (bool, int, float, str) if text else (bool, int, float)
-        if "[" not in self.entry.field and not isinstance(self.sample, types):
-            expected = "a number, a truth value or a text" if text else "a number or a truth value"
-            raise ConfigError(
-                f"{self.place}.field: expected {expected}, found {type(self.sample).__name__}; name"
-                " a field of it"
-            )
-        if isinstance(self.entry, ResultKey) and self.entry.default is None:
-            raise ConfigError(
-                f"{self.place}: expected `default`, found none; a tree that reads the key would"
-                f" wait for a result of {self.entry.result} and never start it"
-            )
-
     def read(self) -> Any:
         """The present value; None if there is none or it is too old."""
         if self._value is None:
-            return self.entry.default
-        if self.entry.max_age is not None and monotonic() - self._at > self.entry.max_age:
+            return self._entry.default
+        if self._entry.max_age is not None and monotonic() - self._at > self._entry.max_age:
             return None
         return self._value
 
 
-def ros_keys(node: Any, robot_map: RobotMap, part: str = "keys") -> dict[str, RosKey]:
-    """The keys of a map, which receive their values from now on.
+class RosKeys:
+    """The values of all keys, also of those that results set: `keys["battery"]`."""
+
+    def __init__(self, node: Any, robot_map: RobotMap) -> None:
+        """Subscribes to the keys of the map. Raises ConfigError as `received`."""
+        self.received = received(node, robot_map)
+        initial = {name: getattr(key, "initial", None) for name, key in robot_map.keys.items()}
+        self.written = {name: value for name, value in initial.items() if value is not None}
+        """Values of the keys that results set; any, also whole messages."""
+        self.vocabulary = EMPTY_VOCABULARY  # of the tree
+
+    def __getitem__(self, name: str) -> Any:
+        """The present value of a key; None if there is none."""
+        return self.received[name].read() if name in self.received else self.written.get(name)
+
+    def value(self, argument: object) -> Any:
+        """The value of an argument: of `"{path}"`, that of the key `path`."""
+        key = referenced(argument)
+        return self[key] if key else argument
+
+    def write(self, action: str, values: Mapping[str, Any], arguments: Mapping[str, Any]) -> Any:
+        """Sets keys to the results of an action, except to NaN and infinity.
+
+        Args:
+            action: its name.
+            values: by key, or by argument that names one.
+            arguments: of the action, such as `{"path": "{path}"}`.
+
+        Returns:
+            What the leaf returns: the keys that the vocabulary lets it set; True if there is none.
+        """
+        for name, value in values.items():
+            if not isinstance(value, float) or isfinite(value):
+                self.written[referenced(arguments.get(name)) or name] = value
+        sets = self.vocabulary.action(action).sets
+        return {key: self.written[key] for key in sets if key in self.written} or True
+
+
+def must_be_plain(place: str, sample: object, *, text: bool) -> None:
+    """Raises ConfigError if a condition cannot read a field.
+
+    Args:
+        place: of the field in the map.
+        sample: a value of its type; None if that is not known.
+        text: whether it can be a text.
+    """
+    types = (bool, int, float, str) if text else (bool, int, float)
+    if sample is not None and not isinstance(sample, types):
+        expected = "a number, a truth value or a text" if text else "a number or a truth value"
+        raise ConfigError(
+            f"{place}: expected {expected}, found {type(sample).__name__}; name a field of it"
+        )
+
+
+def received(node: Any, robot_map: RobotMap, part: str = "keys") -> dict[str, RosKey]:
+    """The keys of a map that topics and services set from now on.
 
     Args:
         node: an rclpy Node, whose executor has to spin.
@@ -83,28 +121,11 @@ def ros_keys(node: Any, robot_map: RobotMap, part: str = "keys") -> dict[str, Ro
     """
     keys = {}
     for name, entry in getattr(robot_map, part).items():
-        place = f"{part}.{name}"
         if isinstance(entry, TopicKey):
-            keys[name] = _subscribed(node, place, entry)
+            keys[name] = _subscribed(node, f"{part}.{name}", entry)
         elif isinstance(entry, ServiceKey):
-            keys[name] = _requested(node, place, entry)
-        else:
-            keys[name] = _result(place, entry, robot_map)
+            keys[name] = _requested(node, f"{part}.{name}", entry)
     return keys
-
-
-def _result(place: str, entry: ResultKey, robot_map: RobotMap) -> RosKey:
-    """A key that the leaves of an action set."""
-    action = robot_map.actions.get(entry.result)
-    if action is None:
-        raise ConfigError(
-            f"{place}.result: expected an action of the map, found {entry.result!r}"
-            f" (actions: {', '.join(robot_map.actions)})"
-        )
-    kind = interface(action.type)
-    return RosKey(
-        place, entry, (kind.Result if isinstance(action, ActionServer) else kind.Response)()
-    )
 
 
 def _subscribed(node: Any, place: str, entry: TopicKey) -> RosKey:

@@ -1,18 +1,25 @@
-"""Actions of a tree as goals of action servers and calls of services."""
+"""Actions of a tree as goals of action servers, calls of services, and Python functions."""
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Generator, Iterable, Mapping
+from functools import partial
+from inspect import isfunction, isgeneratorfunction, signature
+from pathlib import Path
 from secrets import token_bytes
 from typing import Any
 
-from islandgp_ros2.keys import RosKey
-from islandgp_ros2.messages import filled, interface, must_have
+from islandgp.bt.core.parameters import referenced
+from islandgp.errors import ConfigError, brief
+from islandgp.text_files import read_text_file
+from islandgp_ros2.keys import RosKeys
+from islandgp_ros2.messages import filled, interface, must_have, value_of
 from islandgp_ros2.requests import Call, Goal, Request, Server
-from islandgp_ros2.robot_map import ActionServer, RobotMap, ServiceCall
+from islandgp_ros2.robot_map import NAME, ActionServer, RobotMap, ServiceCall
 
-RosLeaf = Callable[..., Generator[None, None, bool]]
-MakeRequest = Callable[[Any, tuple[str, ...]], Goal | Call]  # of a message and resources
+Calls = Iterable[tuple[str, Mapping[str, object]]]
+"""The name and the arguments of each leaf of a tree."""
 
 
 class RosLeaves:
@@ -22,47 +29,62 @@ class RosLeaves:
     order of the leaves, when the cancellations have been answered.
     """
 
-    def __init__(self, node: Any, robot_map: RobotMap, keys: Mapping[str, RosKey]) -> None:
-        """Makes a client for each server.
+    def __init__(self, node: Any, robot_map: RobotMap, keys: RosKeys) -> None:
+        """Checks the interfaces.
 
         Args:
             node: an rclpy Node.
             robot_map: the actions, and the keys that their results set.
-            keys: values for fields of goals and requests, by name.
+            keys: values for fields of goals and requests.
 
         Raises:
             ConfigError: an interface or a field does not exist.
         """
         self._node, self._log = node, node.get_logger()
-        self._map, self._keys = robot_map, keys
-        self._servers: dict[tuple[str, str], Server] = {}
+        self._map, self._keys = robot_map.actions, keys
+        self._clients: dict[tuple[str, str], Any] = {}  # by server and type
         self._new: list[Goal | Call] = []  # not sent yet
         self._running: list[Goal | Call] = []
         self.ending: list[Goal | Call] = []
         """Cancelled requests without a confirmed end."""
-        self.uses: dict[str, tuple[str, ...]] = {}
-        """Resources of each action; an action without an entry uses none."""
-        self._fill: dict[str, Callable[..., Any]] = {}
-        """A function for each action that makes its goal or request."""
-        self.sources = {
-            value
-            for entry in robot_map.actions.values()
-            for value in entry.fields.values()
-            if isinstance(value, str) and value in keys
-        }
-        """Keys that are values of fields."""
-        self.leaves = {name: self._leaf(name) for name in robot_map.actions}
+        self._kinds = {name: interface(entry.type) for name, entry in self._map.items()}
+        for name, entry in self._map.items():
+            for part, fields, message in self._results(name):
+                for field in fields:
+                    must_have(message, field, f"actions.{name}.{part}")
+            if isinstance(entry, ServiceCall) and entry.success is not None:
+                must_have(self._kinds[name].Response(), entry.success, f"actions.{name}.success")
+        results = (each for name in self._map for _, each, _ in self._results(name))
+        written = (key for fields in results for key in fields.values())
+        self._names = {*keys.received, *keys.written, *written}
+        self.leaves = {name: partial(self._run, name) for name in self._map}
 
-    def check(self, calls: Iterable[tuple[str, Mapping[str, object]]]) -> None:
-        """Raises ConfigError if the arguments of an action do not fit its goal or request.
+    def sources(self, calls: Calls) -> set[str]:
+        """The keys that are values of fields of goals and requests."""
+        named = {referenced(value) for _, arguments in calls for value in arguments.values()}
+        fields = (self._map[name].fields.values() for name, _ in calls if name in self._map)
+        return named | {value for each in fields for value in each if isinstance(value, str)}
 
-        Args:
-            calls: the name and the arguments of each leaf; those of other leaves are ignored.
+    def check(self, calls: Calls) -> dict[str, Any]:
+        """Makes the clients.
+
+        Returns:
+            A value of its type for each key, as far as that is known.
+
+        Raises:
+            ConfigError: the arguments of an action do not fit its goal or request.
         """
-        samples = {key: self._keys[key].sample for key in self.sources}
-        for name, arguments in calls:
-            if name in self._fill:
-                self._fill[name](arguments, samples)
+        ours = [(name, arguments) for name, arguments in calls if name in self._map]
+        samples = {name: key.sample for name, key in self._keys.received.items()}
+        for name, arguments in ours:
+            for _, fields, message in self._results(name):
+                for field, target in fields.items():
+                    key = referenced(arguments.get(target)) or target
+                    samples[key] = value_of(message, field)
+        for name, arguments in ours:
+            self._message(name, arguments, samples.get)
+            self._client(self._place(name, arguments), name)
+        return samples
 
     def send(self) -> None:
         """Sends the goals and calls that have started, if their resources are free.
@@ -103,90 +125,193 @@ class RosLeaves:
                 self._log.warning(f"{request.name} may still run: {request.place} does not answer")
                 self.ending.remove(request)
 
-    def _leaf(self, name: str) -> RosLeaf:
-        """The leaf of an action, a generator function."""
-        entry = self._map.actions[name]
-        kind = interface(entry.type)
+    def _results(self, name: str) -> list[tuple[str, Mapping[str, str], Any]]:
+        """The part of an action's entry, its keys by field, and an empty message, of each."""
+        entry, kind = self._map[name], self._kinds[name]
+        if isinstance(entry, ServiceCall):
+            return [("result", entry.result, kind.Response())]
+        return [
+            ("result", entry.result, kind.Result()),
+            ("feedback", entry.feedback, kind.Feedback()),
+        ]
+
+    def _place(self, name: str, arguments: Mapping[str, object]) -> str:
+        """The name of an action's server, which can be the value of an argument."""
+        place = self._map[name].server
+        if not place.startswith("{"):
+            return place
+        found = str(arguments.get(place[1:-1], ""))
+        if not re.fullmatch(NAME, found):
+            raise ConfigError(
+                f"{name}: expected the name of its server as {place[1:-1]}, found {found!r}"
+            )
+        return found
+
+    def _client(self, place: str, name: str) -> Any:
+        """The client of a server, which the actions with it share."""
+        entry, kind = self._map[name], self._kinds[name]
+        if (place, entry.type) not in self._clients:
+            makes = Server if isinstance(entry, ActionServer) else _service_client
+            self._clients[place, entry.type] = makes(self._node, place, kind)
+        return self._clients[place, entry.type]
+
+    def _message(
+        self, name: str, arguments: Mapping[str, object], read: Callable[[str], Any]
+    ) -> tuple[Any, list[str]]:
+        """The goal or request of an action, and the keys that it lacks.
+
+        `read`: returns the value of a key; None if there is none.
+        """
+        entry, lacks = self._map[name], []
+
+        def value(given: object) -> Any:
+            key = referenced(given)
+            if key and read(key) is None:
+                lacks.append(key)
+            return read(key) if key else given
+
+        def field(given: str) -> Any:
+            if given in arguments:
+                return value(arguments[given])
+            return value(f"{{{given}}}") if given in self._names else given
+
+        server = (arg for arg in arguments if f"{{{arg}}}" == entry.server)
+        texts = {path: given for path, given in entry.fields.items() if isinstance(given, str)}
+        results = {target for _, fields, _ in self._results(name) for target in fields.values()}
+        used = {*texts.values(), *results, *server}
+        values = {
+            **entry.fields,
+            **{path: field(given) for path, given in texts.items()},
+            **{path: value(given) for path, given in arguments.items() if path not in used},
+        }
+        known = {path: each for path, each in values.items() if each is not None}
+        kind, part = self._kinds[name], "goal" if isinstance(entry, ActionServer) else "request"
+        empty = kind.Goal() if part == "goal" else kind.Request()
+        return filled(empty, known, f"actions.{name}.{part}"), lacks
+
+    def _request(self, name: str, message: Any, arguments: Mapping[str, object]) -> Goal | Call:
+        entry, place = self._map[name], self._place(name, arguments)
+        client, uses = self._client(place, name), self._keys.vocabulary.action(name).uses
         if isinstance(entry, ActionServer):
-            empty, part, request_of = kind.Goal, "goal", self._goals(name, entry, kind)
+            limits = entry.timeout, entry.server_timeout
+            number = client.prefix + token_bytes(8)
+            request: Goal | Call = Goal(name, place, *limits, uses, client, message, id=number)
         else:
-            empty, part, request_of = kind.Request, "request", self._calls(name, entry, kind)
-        results = [key for key in self._keys.values() if getattr(key.entry, "result", "") == name]
+            default = "success" if hasattr(self._kinds[name].Response(), "success") else None
+            field, limits = entry.success or default, (entry.timeout, entry.timeout)
+            request = Call(name, place, *limits, uses, client, message, field=field)
+        self._new.append(request)
+        return request
 
-        def fill(arguments: Mapping[str, object], keys: Mapping[str, object]) -> Any:
-            named = {**keys, **arguments}
-            texts = {path: text for path, text in entry.fields.items() if isinstance(text, str)}
-            by_name = {path: named[text] for path, text in texts.items() if text in named}
-            direct = {
-                name: value for name, value in arguments.items() if name not in texts.values()
-            }
-            values = {**entry.fields, **by_name, **direct}
-            known = {path: value for path, value in values.items() if value is not None}
-            return filled(empty(), known, f"actions.{name}.{part}")
+    def _run(self, name: str, /, **arguments: object) -> Generator[None, None, Any]:
+        """The leaf of an action."""
+        entry = self._map[name]
+        message, lacks = self._message(name, arguments, self._keys.__getitem__)
+        if lacks:
+            self._log.warning(f"{name}: failed, the key {lacks[0]} has no value")
+            return False
+        request, earlier = self._request(name, message, arguments), None
+        renews = isinstance(entry, ActionServer) and entry.replace
+        try:
+            while request.succeeded is None:
+                yield
+                request.check_time()
+                if request.feedback is not None and isinstance(entry, ActionServer):
+                    self._keys.write(name, _fields(request.feedback, entry.feedback), arguments)
+                if not (renews and request.is_accepted):
+                    continue
+                if earlier is not None:
+                    self._stop(earlier)
+                    earlier = None
+                elif newer := self._newer(request, arguments):
+                    request, earlier = newer, request
+        finally:
+            for each in (earlier, request):
+                self._stop(each)
+        ends = True
+        if request.result is not None:
+            ends = self._keys.write(name, _fields(request.result, entry.result), arguments)
+        if request.succeeded:
+            self._log.info(f"{name}: succeeded")
+            return ends
+        self._log.warning(f"{name}: failed, {request.reason}")
+        return False
 
-        self._fill[name] = fill
+    def _newer(self, request: Goal | Call, arguments: Mapping[str, object]) -> Goal | Call | None:
+        """A goal with the present keys, which replaces one; None if they have not changed."""
+        message, lacks = self._message(request.name, arguments, self._keys.__getitem__)
+        if lacks or message == request.message:
+            return None
+        newer = self._request(request.name, message, arguments)
+        newer.replaces = request
+        return newer
 
-        def run(**arguments: object) -> Generator[None, None, bool]:
-            values = {key: self._keys[key].read() for key in self.sources}
-            for key in entry.fields.values():
-                if isinstance(key, str) and key in values and values[key] is None:
-                    self._log.warning(f"{name}: failed, the key {key} has no value")
-                    return False
-            message, uses = fill(arguments, values), self.uses.get(name, ())
-            request = request_of(message, uses)
-            self._new.append(request)
-            try:
-                while request.succeeded is None:
-                    yield
-                    request.check_time()
-            finally:
-                self._stop(request)
-            if request.succeeded:
-                self._log.info(f"{name}: succeeded")
-                for result in results:
-                    result.take(request.result)
-            else:
-                self._log.warning(f"{name}: failed, {request.reason}")
-            return request.succeeded
-
-        return run
-
-    def _stop(self, request: Goal | Call) -> None:
+    def _stop(self, request: Goal | Call | None) -> None:
         """Cancels a request unless its server has confirmed its end."""
-        if request.is_settled:
+        if request is None or request.is_settled:
             return
         request.cancel()
         if not request.is_settled:
             self._log.info(f"{request.name}: cancelled, its server has to confirm it")
             self.ending.append(request)
 
-    def _goals(self, name: str, entry: ActionServer, kind: Any) -> MakeRequest:
-        """Makes goals of an action. Actions share the clients of one server."""
-        if (entry.action, entry.type) not in self._servers:
-            self._servers[entry.action, entry.type] = Server(self._node, entry.action, kind)
-        server = self._servers[entry.action, entry.type]
-        limits = entry.timeout, entry.server_timeout
-        return lambda message, uses: Goal(
-            name, entry.action, *limits, uses, server, message, id=server.prefix + token_bytes(8)
-        )
 
-    def _calls(self, name: str, entry: ServiceCall, kind: Any) -> MakeRequest:
-        """Makes calls of an action's service."""
-        response, field = kind.Response(), entry.success
-        if field is not None:
-            must_have(response, field, f"actions.{name}.success")
-        elif hasattr(response, "success"):
-            field = "success"
-        client = self._node.create_client(kind, entry.service)
-        limits = entry.timeout, entry.timeout
-        return lambda message, uses: Call(
-            name, entry.service, *limits, uses, client, message, field=field
-        )
+def functions(file: Path, keys: RosKeys) -> dict[str, Callable[..., Any]]:
+    """The functions of a Python file as leaves, by name.
+
+    A function is called as `islandgp.leaves` describes. `"{path}"` as an argument is the value of
+    the key `path`, and an argument `keys` has all keys. In place of True it can return a mapping,
+    the values of keys, or of arguments that name keys.
+
+    Raises:
+        ConfigError: the file has an error.
+    """
+    names: dict[str, Any] = {"__name__": file.stem}
+    try:
+        exec(compile(read_text_file(file), str(file), "exec"), names)
+    except Exception as error:
+        raise ConfigError(f"{file}: expected functions of Python, found {brief(error)}") from error
+    return {
+        name: _function_leaf(function, keys)
+        for name, function in names.items()
+        if isfunction(function) and function.__module__ == file.stem
+    }
+
+
+def _function_leaf(function: Callable[..., Any], keys: RosKeys) -> Callable[..., Any]:
+    has_keys = {"keys": keys} if "keys" in signature(function).parameters else {}
+
+    def start(arguments: Mapping[str, object]) -> Any:
+        values = {name: keys.value(argument) for name, argument in arguments.items()}
+        return function(**{**values, **has_keys})
+
+    def end(result: Any, arguments: Mapping[str, object]) -> Any:
+        is_mapping = isinstance(result, Mapping)
+        return keys.write(function.__name__, result, arguments) if is_mapping else result
+
+    def call(**arguments: object) -> Any:
+        return end(start(arguments), arguments)
+
+    def run(**arguments: object) -> Generator[None, None, Any]:
+        return end((yield from start(arguments)), arguments)
+
+    return run if isgeneratorfunction(function) else call
+
+
+def _fields(message: Any, fields: Mapping[str, str]) -> dict[str, Any]:
+    """Values of a message's fields by key, for the keys by field."""
+    return {key: value_of(message, field) for field, key in fields.items()}
+
+
+def _service_client(node: Any, place: str, kind: Any) -> Any:
+    return node.create_client(kind, place)
 
 
 def _clash(request: Request, others: Iterable[Request], *, same_server: bool = False) -> str:
     """The first of other requests with a resource, or the server, of this one; "" if none."""
     for other in others:
+        if other is request.replaces:
+            continue
         for resource in other.uses:
             if resource in request.uses:
                 return f"{other.name}, which uses {resource}"

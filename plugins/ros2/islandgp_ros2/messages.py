@@ -74,11 +74,14 @@ def _converted(value: Any, default: Any) -> Any:
 
     Raises:
         TypeError: a flag for a number.
+        ValueError: a word for a number.
     """
     if isinstance(default, bool):
         return value == NO_YES[1] if value in NO_YES else value
     if isinstance(value, bool) and isinstance(default, int | float):
         raise TypeError
+    if isinstance(value, str) and isinstance(default, int | float):
+        value = float(value)  # of a port whose type is not declared
     if isinstance(default, float) and isinstance(value, int):
         return float(value)
     if isinstance(default, int) and isinstance(value, float) and value.is_integer():

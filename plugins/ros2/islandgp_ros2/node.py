@@ -14,10 +14,9 @@ from islandgp.binding import NodeStatus, RobotTree, Tree, load_tree
 from islandgp.bt.core.includes import find_includes
 from islandgp.bt.core.node import walk
 from islandgp.bt.core.printer import head
-from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY
-from islandgp.errors import IslandError
-from islandgp_ros2.keys import ros_keys
-from islandgp_ros2.leaves import RosLeaves
+from islandgp.errors import ConfigError, IslandError
+from islandgp_ros2.keys import RosKeys, must_be_plain, received
+from islandgp_ros2.leaves import RosLeaves, functions
 from islandgp_ros2.requests import Call, Goal
 from islandgp_ros2.robot_map import RobotMap
 from islandgp_ros2.view import LastMinute
@@ -39,6 +38,7 @@ class TreeNode:
         robot_map: RobotMap,
         vocabulary: Path | None = None,
         *,
+        leaves: Path | None = None,
         step_s: float | None = None,
     ) -> None:
         """Makes clients and subscriptions of a node.
@@ -49,10 +49,12 @@ class TreeNode:
             robot_map: the interfaces of the actions and keys.
             vocabulary: a file with the robot's actions and keys; None: those of the domain that
                 the tree names, or any.
+            leaves: a Python file with functions for leaves that need no server.
             step_s: seconds between two ticks; needed for a tree that counts time.
 
         Raises:
-            ConfigError: the map names an interface or a field that does not exist.
+            ConfigError: the map names an interface or a field that does not exist, or both files
+                have a leaf.
             TreeError, DomainError: the file is not a tree, or the map lacks an action or a key.
         """
         from std_msgs.msg import String
@@ -60,16 +62,24 @@ class TreeNode:
         self._log = node.get_logger()
         self._file, self._vocabulary = file, vocabulary
         self._message, self._step_s = String, step_s
-        self._keys = ros_keys(node, robot_map)
+        self._keys = RosKeys(node, robot_map)
         self._actions = RosLeaves(node, robot_map, self._keys)
-        conditions = ros_keys(node, robot_map, "conditions")
+        conditions = received(node, robot_map, "conditions")
         for condition in conditions.values():
-            condition.check(text=False)
-        self._received = [*self._keys.values(), *conditions.values()]
-        self._conditions = {name: partial(holds, key.read) for name, key in conditions.items()}
+            must_be_plain(f"{condition.place}.field", condition.sample, text=False)
+        self._received = [*self._keys.received.values(), *conditions.values()]
+        own = functions(leaves, self._keys) if leaves else {}
+        if twice := own.keys() & {*robot_map.actions, *conditions}:
+            raise ConfigError(
+                f"Expected each leaf in the map or in {leaves}, found {min(twice)} in both; remove"
+                " one of them."
+            )
+        asked = {name: partial(holds, key.read) for name, key in conditions.items()}
+        self._leaves, self._own = {**self._actions.leaves, **asked}, own
         self._stamp = stamp(file)
         self._is_readable = True
         self._looked = monotonic()
+        self._waits_for: tuple[str, ...] = ()  # keys that topics and services set
         self.robot_tree = self._load()
         self._publisher = node.create_publisher(String, "~/status", 10)
         self._missing: tuple[str, ...] = ()
@@ -90,7 +100,7 @@ class TreeNode:
             for key in self._received:
                 key.look()
         tree = self.robot_tree.tree
-        missing = tuple(filter(self._has_no_value, tree.keys()))
+        missing = tuple(key for key in self._waits_for if self._keys[key] is None)
         if missing and missing != self._missing:
             self._log.warning(f"waiting for a value of {', '.join(missing)}")
             self.robot_tree.stop()
@@ -125,21 +135,29 @@ class TreeNode:
         for each in self.may_run:
             self._log.error(f"{each.name} may still run: {each.place} {each.obstacle or SILENT}")
 
-    def _has_no_value(self, key: str) -> bool:
-        return self._keys[key].read() is None
-
     def _load(self) -> RobotTree:
-        tree = load_tree(self._file, self._vocabulary)
-        self._actions.check(tree.calls())
-        vocabulary = tree.vocabulary or EMPTY_VOCABULARY
-        for name in {*tree.keys()} & {*self._keys}:
-            words = name in vocabulary.keys and vocabulary.keys[name].words
-            self._keys[name].check(text=bool(words))
-        unread = self._actions.sources - {*tree.keys()}  # they may be messages
-        values = {name: key.read for name, key in self._keys.items() if name not in unread}
-        leaves = {**self._actions.leaves, **self._conditions}
-        robot_tree = tree.bind(leaves, values, step_s=self._step_s)
-        self._actions.uses = {name: action.uses for name, action in vocabulary.actions.items()}
+        tree, keys = load_tree(self._file, self._vocabulary), self._keys
+        samples = self._actions.check(tree.calls())
+        for name in {*tree.keys()} & {*samples}:
+            if name in tree.inputs() and name not in {*keys.received, *keys.written}:
+                raise ConfigError(
+                    f"keys.{name}: expected `initial`, the value before the first result, found"
+                    f" no entry; write e.g. `{name}: {{initial: 0}}`"
+                )
+            words = name in tree.words.keys and tree.words.keys[name].words
+            must_be_plain(f"keys.{name}.field", samples[name], text=bool(words))
+        known, sources = {*keys.received, *keys.written}, self._actions.sources(tree.calls())
+        values = {
+            name: partial(keys.__getitem__, name)
+            for name in known
+            if name in tree.inputs() or name not in sources  # these may be messages
+        }
+        own = {name: leaf for name, leaf in self._own.items() if name in tree.actions()}
+        robot_tree = tree.bind({**self._leaves, **own}, values, step_s=self._step_s)
+        keys.vocabulary = tree.words
+        self._waits_for = tuple(
+            name for name in keys.received if name in {*tree.inputs(), *sources}
+        )
         return robot_tree
 
     def _reload(self) -> None:

@@ -38,7 +38,10 @@ class Request:
     is_cancelled: bool = False
     succeeded: bool | None = None  # None: it is open
     reason: str = ""  # of a failure
-    result: Any = None
+    result: Any = None  # of the server, also after a failure
+    feedback: Any = None  # the last one
+    replaces: Request | None = None  # a goal that its server ends when it accepts this one
+    is_accepted: bool = False
     is_settled: bool = False  # True: its server has confirmed that nothing of it runs
     is_given_up: bool = False  # True: its server does not answer, so it may run
     obstacle: str = ""
@@ -68,8 +71,9 @@ class Request:
     def _finish(self, *, succeeded: bool, reason: str = "", result: Any = None) -> None:
         """The server has confirmed the end."""
         self.is_settled = True
-        if succeeded and self.succeeded is None:
-            self.succeeded, self.result = True, result
+        if self.succeeded is None:
+            self.result = result
+            self.succeeded = succeeded or None
         self.fail(reason)
 
 
@@ -114,7 +118,6 @@ class Goal(Request):
     """A goal of an action server."""
 
     id: bytes = b""
-    is_accepted: bool = False
     is_cancelling: bool = False
     publishers: set[bytes] = field(default_factory=set)  # of the server's state, when it was sent
     questions: int = 0
@@ -129,6 +132,8 @@ class Goal(Request):
         """Sends the goal."""
         self.is_sent, self.sent_at = True, monotonic()
         self.publishers = self.client.publishers()
+        if not self.client.goals:
+            self.client.silent_s = 0.0  # of goals that have been given up
         self.client.goals[self.id] = self
         self.client.ask("send_goal", self.id, self._on_acceptance, goal=self.message)
 
@@ -243,7 +248,7 @@ class Server:
         self._questions: deque[Any] = deque()
         best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
         topics = {
-            "feedback": (kind.Impl.FeedbackMessage, self._hear, best_effort),
+            "feedback": (kind.Impl.FeedbackMessage, self._on_feedback, best_effort),
             "status": (kind.Impl.GoalStatusMessage, self._on_statuses, kept),
         }
         for part, (message, callback, profile) in topics.items():
@@ -277,6 +282,11 @@ class Server:
 
     def _hear(self, *_: object) -> None:
         self.silent_s = 0.0
+
+    def _on_feedback(self, message: Any) -> None:
+        self._hear()
+        if goal := self.goals.get(bytes(message.goal_id.uuid)):
+            goal.feedback = message.feedback
 
     def _watch(self) -> None:
         if not self.goals:

@@ -14,13 +14,15 @@ from islandgp.errors import ConfigError
 from islandgp.text_files import read_text_file
 
 _MAX_CHARACTERS: Final = 100_000  # characters
-_NAME: Final = Field(
-    pattern=r"^~?/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*$", max_length=200
-)
+NAME: Final = r"^~?/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*$"
+"""Pattern of names of servers and topics."""
+_NAME: Final = Field(pattern=NAME, max_length=200)
 _PART: Final = r"[a-z][a-z0-9_]*(\[[0-9]{1,6}\])?"
 _FIELD: Final = Field(pattern=rf"^{_PART}(\.{_PART})*$")
 _Seconds = Annotated[float, Field(gt=0, le=86_400)]
 _Value = FiniteFloat | bool | str
+_SERVER: Final = Field(pattern=rf"{NAME}|^\{{[a-z][a-z0-9_]*\}}$", max_length=200)
+"""The name of a server, or the argument that has it, such as `{service_name}`."""
 
 
 def _type(kind: str) -> Any:
@@ -31,36 +33,37 @@ class _Entry(BaseModel, extra="forbid", strict=True):
     """One entry of the file."""
 
 
-class ActionServer(_Entry):
+class _Action(_Entry):
+    """An action of the tree."""
+
+    result: dict[Annotated[str, _FIELD], str] = {}
+    """Keys that fields of the result set: their names, or arguments that name them."""
+
+
+class ActionServer(_Action):
     """An action of the tree that sends a goal to an action server."""
 
-    action: Annotated[str, _NAME]
+    server: Annotated[str, _SERVER] = Field(alias="action")
     type: Annotated[str, _type("action")]
-    goal: dict[str, Any] = {}  # fields of the goal; the others have their defaults
+    fields: dict[str, Any] = Field({}, alias="goal")
+    """Fields of the goal; the others have their defaults. A text that is an argument's or a key's
+    name is replaced by its value."""
+    feedback: dict[Annotated[str, _FIELD], str] = {}  # keys that the feedback sets, as `result`
+    replace: bool = False  # whether a changed key of the goal sends a new one, which replaces it
     timeout: _Seconds | None = None  # s; after that the goal is cancelled and the action fails
     server_timeout: _Seconds = 5.0  # s without an answer of the server until the action fails
 
-    @property
-    def fields(self) -> dict[str, Any]:
-        """Fields of the goal. A text that is an argument's or a key's name is replaced by it."""
-        return self.goal
 
-
-class ServiceCall(_Entry):
+class ServiceCall(_Action):
     """An action of the tree that calls a service."""
 
-    service: Annotated[str, _NAME]
+    server: Annotated[str, _SERVER] = Field(alias="service")
     type: Annotated[str, _type("srv")]
-    request: dict[str, Any] = {}
+    fields: dict[str, Any] = Field({}, alias="request")  # of the request, as those of a goal
     success: Annotated[str, _FIELD] | None = None
     """Field of the response with the action's result; None: `success` if there is such a field,
     otherwise the action succeeds with any response."""
     timeout: _Seconds = 5.0  # s, including the wait for the service
-
-    @property
-    def fields(self) -> dict[str, Any]:
-        """Fields of the request, as those of a goal."""
-        return self.request
 
 
 class TopicKey(_Entry):
@@ -68,7 +71,7 @@ class TopicKey(_Entry):
 
     topic: Annotated[str, _NAME]
     type: Annotated[str, _type("msg")]
-    field: Annotated[str, _FIELD]  # e.g. pose.pose.position.x or ranges[0]
+    field: Annotated[str, _FIELD] = ""  # e.g. pose.pose.position.x or ranges[0]; "": the message
     default: _Value | None = None  # before the first message; None: the tree waits for it
     max_age: _Seconds | None = None  # s; an older message is ignored
     reliable: bool = False  # whether to ask the publisher for reliable delivery
@@ -86,13 +89,10 @@ class ServiceKey(_Entry):
     max_age: _Seconds | None = None  # s; an older response is ignored
 
 
-class ResultKey(_Entry):
-    """A key that is a field of the last successful result of an action."""
+class WrittenKey(_Entry):
+    """A key that results of actions set, with its value before the first one."""
 
-    result: str  # action of the map
-    field: Annotated[str, _FIELD]
-    default: _Value | None = None  # before the first result
-    max_age: _Seconds | None = None  # s; an older result is ignored
+    initial: _Value
 
 
 class TopicCondition(TopicKey):
@@ -112,14 +112,14 @@ class RobotMap(_Entry):
 
     node: Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", max_length=200)] = "islandgp"
     actions: dict[str, ActionServer | ServiceCall]
-    keys: dict[str, TopicKey | ServiceKey | ResultKey] = {}
+    keys: dict[str, TopicKey | ServiceKey | WrittenKey] = {}
     conditions: dict[str, TopicCondition | ServiceCondition] = {}
     """Leaves that succeed while the field is true."""
 
 
 _KINDS: Final[dict[str, dict[str, type[_Entry]]]] = {
     "actions": {"action": ActionServer, "service": ServiceCall},
-    "keys": {"topic": TopicKey, "service": ServiceKey, "result": ResultKey},
+    "keys": {"topic": TopicKey, "service": ServiceKey, "initial": WrittenKey},
     "conditions": {"topic": TopicCondition, "service": ServiceCondition},
 }
 """The class of an entry, by its distinguishing key."""

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from math import isfinite, nan
+from pathlib import Path
 from threading import Thread
 from typing import Final
 
@@ -31,32 +32,7 @@ _STYLE: Final = """<style>
 #fitness { position: absolute; left: -9999px; width: 400px; height: 200px } #score { display: none }
 .no-scene main { grid-template: minmax(0, 1fr) auto / 1fr; grid-template-areas: "mind" "board" }
 </style><script>player.seek(episode.ticks)</script></body>"""
-_LIVE: Final = """<!doctype html><meta charset="utf-8"><title>Live</title>
-<style>iframe { position: fixed; inset: 0; width: 100%; height: 100%; border: 0 }</style>
-<body><script>
-let shown = document.createElement("i"), live = true;
-const say = text => { shown.contentDocument.getElementById("facts").textContent = text; };
-const stop = () => { live = false; say("Stopped here; reload the page for the present."); };
-async function next() {
-  if (!live) return;
-  const frame = document.createElement("iframe"), answer = await fetch("/minute").catch(() => null);
-  if (!answer) return say("The node has ended; this is its last minute.");
-  frame.style.visibility = "hidden";  // until it is complete
-  frame.srcdoc = await answer.text();
-  frame.onload = () => {
-    if (!live) return frame.remove();
-    shown.remove();
-    shown = frame;
-    frame.style.visibility = "";
-    say("live; a click or a key stops the page here");
-    for (const event of ["keydown", "pointerdown", "wheel"])
-      frame.contentWindow.addEventListener(event, stop);
-    setTimeout(next, 1000);
-  };
-  document.body.append(frame);
-}
-next();
-</script></body>"""
+_LIVE: Final = Path(__file__).with_name("live.html").read_text(encoding="utf-8")
 
 
 class LastMinute:

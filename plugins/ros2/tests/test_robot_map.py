@@ -3,15 +3,27 @@
 from __future__ import annotations
 
 import re
+from math import nan
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
+from islandgp.bt.core.vocabulary import Action, Vocabulary, number
+from islandgp.bt.export.declared import declared
 from islandgp.errors import ConfigError
-from islandgp_ros2.keys import RosKey
+from islandgp_ros2.keys import RosKey, RosKeys, must_be_plain
+from islandgp_ros2.leaves import functions
 from islandgp_ros2.node import holds, stamp
-from islandgp_ros2.robot_map import ActionServer, ServiceCall, ServiceKey, TopicKey, read_map
+from islandgp_ros2.robot_map import (
+    ActionServer,
+    RobotMap,
+    ServiceCall,
+    ServiceKey,
+    TopicKey,
+    read_map,
+)
+from tests.trees.nav2 import SHAPES, file_of
 from tests.trees.shell import Cli
 
 PAGE = (Path(__file__).parents[1] / "README.md").read_text(encoding="utf-8")
@@ -24,6 +36,12 @@ def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
         (tmp_path / name).write_text(text, encoding="utf-8")
     monkeypatch.chdir(tmp_path)
     return tmp_path
+
+
+@pytest.mark.parametrize("file", ["plan.yaml", Path(__file__).parents[1] / "nav2" / "robot.yaml"])
+def test_other_maps(page: Path, file: str | Path) -> None:
+    """The other maps of the page and of the plug-in are read."""
+    assert read_map(page / file).actions
 
 
 def test_the_pages_map(page: Path) -> None:
@@ -68,6 +86,9 @@ def test_the_pages_map(page: Path) -> None:
             "actions: {}\nconditions: {C: {service: /s, type: p/srv/T, default: 0.5}}",
             "conditions.C.default: input should be a valid boolean",
         ),
+        ("actions: {Go: {action: '{a b}', type: p/action/T}}", "actions.Go.action: string should"),
+        ("actions: {Go: {server: /a, action: /a, type: p/action/T}}", "actions.Go.server: extra"),
+        ("actions: {}\nkeys: {k: {initial: .nan}}", "keys.k.initial"),
         ("actions: &a {Go: 5}\nkeys: *a", "without anchors"),
         ("actions: !!python/object/apply:os.system [ls]", "expected YAML"),
     ],
@@ -107,13 +128,13 @@ def test_a_key_can_be_a_text_and_a_condition_cannot() -> None:
     entry = TopicKey(topic="/mode", type="std_msgs/msg/String", field="data")
     message = SimpleNamespace(data="docking", get_fields_and_field_types=lambda: {"data": "string"})
     key = RosKey("keys.mode", entry, message)
-    key.check(text=True)
+    must_be_plain("keys.mode.field", key.sample, text=True)
     key.take(message)
     assert key.read() == "docking"
     with pytest.raises(
         ConfigError, match=r"keys.mode.field: expected a number or a truth value, found str"
     ):
-        key.check(text=False)
+        must_be_plain("keys.mode.field", key.sample, text=False)
 
 
 def test_a_missing_file_has_no_stamp(tmp_path: Path) -> None:
@@ -130,3 +151,52 @@ def test_a_missing_file_has_no_stamp(tmp_path: Path) -> None:
     assert stamp(file) == first != ()
     (tmp_path / "lib.bt").write_text("subtree a = Wave")
     assert stamp(file) != first
+
+
+@pytest.fixture
+def keys() -> RosKeys:
+    """The keys of a map with one that results set."""
+    return RosKeys(None, RobotMap.model_validate({"actions": {}, "keys": {"n": {"initial": 1}}}))
+
+
+def test_results_set_keys(keys: RosKeys) -> None:
+    """By key, or by argument that names one; NaN changes nothing; the tree gets its own keys."""
+    assert (keys["n"], keys["way"], keys.value("{n}"), keys.value("n")) == (1, None, 1, "n")
+    assert keys.write("Go", {"n": 2.5, "path": [7]}, {"path": "{way}"}) is True
+    assert keys.write("Go", {"n": nan}, {}) is True
+    assert (keys["n"], keys["way"]) == (2.5, [7])
+    gap = number("", 0, 9, initial=0)
+    keys.vocabulary = Vocabulary("bot", {"Go": Action("", sets=("gap",))}, {"gap": gap})
+    assert keys.write("Go", {"gap": 3, "n": 4}, {}) == {"gap": 3}
+
+
+def test_python_functions(keys: RosKeys, tmp_path: Path) -> None:
+    """They get values of keys, and may yield; a file with an error is named."""
+    file = tmp_path / "my leaves.py"
+    file.write_text(
+        "from math import hypot\ndef Add(a, b, keys, **_): return {'out': a + b + keys['n']}\n"
+        "def Twice(a):\n  yield\n  return {'n': 2 * a}\n"
+    )
+    leaves = functions(file, keys)
+    assert [*leaves] == ["Add", "Twice"]
+    assert leaves["Add"](a="{n}", b=5, out="{sum}") is True
+    assert keys["sum"] == 7
+    running = leaves["Twice"](a="{sum}")
+    assert next(running) is None
+    with pytest.raises(StopIteration):
+        next(running)
+    assert keys["n"] == 14
+    file.write_text("def Add(:")
+    with pytest.raises(ConfigError, match=r"my leaves.py: expected functions of Python, found"):
+        functions(file, keys)
+
+
+@pytest.mark.parametrize("tree", SHAPES)
+def test_leaves_of_navs_trees(keys: RosKeys, tree: str) -> None:
+    """The map and the functions have each leaf of the trees that README.md names."""
+    folder = Path(__file__).parents[1] / "nav2"
+    known = {*read_map(folder / "robot.yaml").actions, *functions(folder / "leaves.py", keys)}
+    xml = file_of(SHAPES[tree])
+    actions = {*declared(xml, xml, name="model.xml").actions}
+    page = (folder.parent / "README.md").read_text(encoding="utf-8")
+    assert (actions <= known) or f"`{tree}`:" not in page

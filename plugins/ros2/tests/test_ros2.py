@@ -87,7 +87,10 @@ class Robot:
         self.node.create_subscription(
             String, "/robot/status", lambda m: self.states.append(json.loads(m.data)), 10
         )
-        self.tree_node = TreeNode(self.node, self.file, robot_map)
+        leaves = folder / "leaves.py"
+        self.tree_node = TreeNode(
+            self.node, self.file, robot_map, leaves=leaves if leaves.exists() else None
+        )
 
     def until(self, holds: Callable[[NodeStatus | None], bool], seconds: float = 15) -> bool:
         """Ticks at 50 Hz until it holds of a status."""
@@ -224,50 +227,90 @@ def test_arguments_without_a_vocabulary(servers: Servers, robot: Callable[[str],
     assert machine.until(lambda _: servers.goals == [FAILS])
 
 
+RESULT = ", result: {'sequence[1]': last}"  # ten times the order
+
+
+def mapped(monkeypatch: pytest.MonkeyPatch, *actions: str, keys: str = "") -> None:
+    """Adds actions and keys to the map."""
+    added = MAP.replace("actions:\n", "".join(["actions:\n", *(f"  {each}\n" for each in actions)]))
+    monkeypatch.setattr("test_ros2.MAP", added + keys)
+
+
 def test_values_by_name(
     servers: Servers, robot: Callable[[str], Robot], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """A field has the value of an argument, or of a key that a result sets."""
-    named = MAP.replace(
-        "actions:\n",
-        f"actions:\n  Next: {DRIVE.format('last', '')}\n  Step: {DRIVE.format('n', '')}\n",
-    )
-    key = "  last: {result: Step, field: 'sequence[1]'}\n"  # ten times the order
-    monkeypatch.setattr("test_ros2.MAP", named + key)
+    step = f"Step: {DRIVE.format('n', RESULT)}"
+    mapped(monkeypatch, step, f"Next: {DRIVE.format('last', '')}")
     machine = robot(f"sequence {{ Step(n: {SUCCEEDS}) Next }}")
     assert machine.until(lambda _: servers.goals == [SUCCEEDS, 10 * SUCCEEDS])
+
+
+def test_arguments_that_name_keys(
+    servers: Servers, robot: Callable[[str], Robot], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """`"{a}"` is the value of `a`; an argument for a result names its key, also after a failure."""
+    result = ", result: {'sequence[0]': out}"
+    actions = [f"{name}: {DRIVE.format('order', result)}" for name in ("Step", "Last")]
+    mapped(monkeypatch, *actions, keys="  seen: {initial: 0}\n")
+    machine = robot(
+        f'sequence {{ force_success {{ Step(order: {FAILS}, out: "{{seen}}") }}'
+        ' when seen == 2 { Last(order: "{seen}", out: "{other}") } }'
+    )
+    assert machine.until(lambda _: servers.goals == [FAILS, FAILS])
 
 
 def test_a_key_without_a_value_fails_the_action(
     robot: Callable[[str], Robot], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """An action that needs the result of one which has not ended fails; others are not affected."""
-    actions = f"actions:\n  Next: {DRIVE.format('last', '')}\n  Turn: {NESTED}\n"
-    key = "  last: {result: Drive, field: 'sequence[1]'}\n"
-    monkeypatch.setattr("test_ros2.MAP", MAP.replace("actions:\n", actions) + key)
+    step = f"Step: {DRIVE.format(SUCCEEDS, RESULT)}"
+    mapped(monkeypatch, step, f"Next: {DRIVE.format('last', '')}", f"Turn: {NESTED}")
     assert robot("Next").ended() == NodeStatus.FAILURE
     assert robot("parallel success one { Drive Turn }").until(lambda s: s is NodeStatus.RUNNING)
 
 
 @pytest.mark.parametrize(
-    ("key", "text", "message"),
+    ("result", "keys", "text", "message"),
     [
-        ("{result: Drvie, field: sequence}", "Drive", "last.result: expected an action of the map"),
-        ("{result: Drive, field: series}", "Drive", "last.field: expected fields among sequence"),
-        ("{result: Drive, field: 'sequence[0]'}", "when last > 1 { Drive }", "expected `default`"),
+        ("{series: last}", "", "Drive", "actions.Step.result: expected fields among sequence"),
+        (
+            "{sequence: last}",
+            "  last: {initial: 0}\n",
+            "when last > 1 { Step }",
+            "keys.last.field: ",
+        ),
+        ("{sequence: last}", "", "when last > 1 { Step }", "keys.last: expected `initial`"),
     ],
 )
 def test_results_that_do_not_fit(
     robot: Callable[[str], Robot],
     monkeypatch: pytest.MonkeyPatch,
-    key: str,
+    result: str,
+    keys: str,
     text: str,
     message: str,
 ) -> None:
-    """A wrong action or field, or a key that the tree would wait for, is one clear error."""
-    monkeypatch.setattr("test_ros2.MAP", f"{MAP}  last: {key}\n")
+    """A wrong field, or a key that a condition cannot read, is one clear error."""
+    mapped(monkeypatch, f"Step: {DRIVE.format(SUCCEEDS, f', result: {result}')}", keys=keys)
     with pytest.raises(IslandError, match=re.escape(message)):
         robot(text)
+
+
+def test_functions_of_python(
+    servers: Servers, robot: Callable[[str], Robot], tmp_path: Path
+) -> None:
+    """Leaves can be Python functions, which read keys and set those that their arguments name."""
+    (tmp_path / "leaves.py").write_text(
+        "def Choose(low, high, out, keys):\n"
+        "    return {'out': high if keys['battery'] else low}\n"
+        "def Pause(ticks):\n"
+        "    for _ in range(int(ticks)): yield\n"
+        "    return True\n"
+    )
+    choose = 'Choose(low: 1, high: 2, out: "{n}")'
+    machine = robot(f'sequence {{ {choose} Pause(ticks: 3) Drive(order: "{{n}}") }}')
+    assert machine.until(lambda _: servers.goals == [1])
 
 
 def test_paths_of_fields() -> None:

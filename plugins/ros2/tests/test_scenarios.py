@@ -45,25 +45,26 @@ class Bench:
 
     def __init__(self, folder: Path) -> None:
         self.folder = folder
-        self._events = folder / "events"
-        self._events.touch()
+        self.events = folder / "events"
+        self.events.touch()
         self._processes: list[subprocess.Popen[bytes]] = []
         (folder / "robot.yaml").write_text(MAP)
         domain = str(1 + next(DOMAINS) % 100)  # without other tests and what killed ones left
         paths = os.pathsep.join([str(ROOT), str(ROOT / "plugins/ros2")])
-        self._environment = {
+        self.environment = {
             **os.environ,
             "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST",
             "ROS_DOMAIN_ID": domain,
             "PYTHONPATH": paths,
         }
 
-    def _start(self, *arguments: object, output: str) -> subprocess.Popen[bytes]:
+    def start(self, *arguments: object, output: str) -> subprocess.Popen[bytes]:
+        """Starts a program of Python, which writes to a file of the folder."""
         with (self.folder / output).open("ab") as file:
             process = subprocess.Popen(
                 [sys.executable, *map(str, arguments)],
                 cwd=self.folder,
-                env=self._environment,
+                env=self.environment,
                 stdin=subprocess.PIPE,
                 stdout=file,
                 stderr=subprocess.STDOUT,
@@ -74,8 +75,8 @@ class Bench:
     def server(self, name: str = "/drive", threads: int = 4) -> subprocess.Popen[bytes]:
         """Starts an action server, and waits until it is ready."""
         count = len(self.times(f"{name} ready"))
-        process = self._start(
-            FOLDER / "ros2_servers.py", name, threads, self._events, output=name[1:]
+        process = self.start(
+            FOLDER / "ros2_servers.py", name, threads, self.events, output=name[1:]
         )
         self.until(lambda: len(self.times(f"{name} ready")) > count)
         return process
@@ -84,7 +85,7 @@ class Bench:
         """Starts a tree."""
         (self.folder / "tree.bt").write_text(tree)
         arguments = ("ros2", "tree.bt", "--map", "robot.yaml", *options)
-        return self._start("-c", "from islandgp.cli import main; main()", *arguments, output="node")
+        return self.start("-c", "from islandgp.cli import main; main()", *arguments, output="node")
 
     def started(self, tree: str, event: str, *options: str) -> subprocess.Popen[bytes]:
         """Starts a tree, and waits for an event and 0.3 s more."""
@@ -95,7 +96,7 @@ class Bench:
 
     def times(self, event: str) -> list[float]:
         """When an event occurred, s."""
-        lines = [line.split(" ", 1) for line in self._events.read_text().splitlines()]
+        lines = [line.split(" ", 1) for line in self.events.read_text().splitlines()]
         return [float(at) for at, text in lines if text == event]
 
     def wait(self, event: str, count: int = 1, seconds: float = 20) -> float:
@@ -115,7 +116,7 @@ class Bench:
         """Waits until it holds; returns the time."""
         end = time.monotonic() + seconds
         while not holds():
-            assert time.monotonic() < end, self._events.read_text() + self.output()
+            assert time.monotonic() < end, self.events.read_text() + self.output()
             time.sleep(0.01)
         return time.monotonic()
 
@@ -299,7 +300,7 @@ def publish(bench: Bench, topic: str) -> None:
         f"node.create_publisher(Bool, '/{topic}', keeps).publish(Bool(data=True));"
         "sys.stdin.read()"
     )
-    bench._start("-c", code, output=topic)
+    bench.start("-c", code, output=topic)
 
 
 def latched(bench: Bench) -> float:

@@ -35,30 +35,7 @@ def parallel_outcomes(
     sets: BoardSets, parallel: ParallelArgs, children: Sequence[Outcomes]
 ) -> Outcomes:
     """The outcomes of a parallel, from those of its children."""
-
-    def some(status: int) -> Boards:
-        return sets.either(*(outcomes[status] for outcomes in children))
-
-    def only(*statuses: int) -> Boards:
-        return sets.both(*(sets.either(*(child[s] for s in statuses)) for child in children))
-
-    success, failure = parallel
-    if not isinstance(success, str) or not isinstance(failure, str):
-        return _outcomes_by_counts(sets, parallel.needed(len(children)), children)
-    if failure == "one":
-        fails = some(FAILURE)
-        if success == "one":
-            return fails, sets.both(only(SUCCESS, RUNNING), some(SUCCESS)), only(RUNNING)
-        return fails, only(SUCCESS), sets.both(only(SUCCESS, RUNNING), some(RUNNING))
-    if success == "one":
-        return only(FAILURE), some(SUCCESS), sets.both(only(FAILURE, RUNNING), some(RUNNING))
-    return sets.both(only(FAILURE, SUCCESS), some(FAILURE)), only(SUCCESS), some(RUNNING)
-
-
-def _outcomes_by_counts(
-    sets: BoardSets, needed: tuple[int, int], children: Sequence[Outcomes]
-) -> Outcomes:
-    """The outcomes of a parallel with thresholds for successes and failures."""
+    needed = parallel.needed(len(children))
     counts: dict[tuple[int, ...], Boards] = {(0, 0, 0): ANY_BOARD}  # by FAILURE, SUCCESS, RUNNING
     for outcomes in children:
         extended: dict[tuple[int, ...], Boards] = {}

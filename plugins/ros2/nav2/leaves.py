@@ -1,0 +1,71 @@
+"""The leaves of Nav2's trees that have no server: they only read and set keys.
+
+The selectors take their default and read no topic. Nothing here knows where the robot is: a path is
+as long as it was planned.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from itertools import pairwise
+from math import hypot
+from typing import Any
+
+PLANNER_HELPS = (200, 207, 208)  # unknown, timeout, no valid path
+CONTROLLER_HELPS = (100, 104, 105, 106)  # unknown, no patience, no progress, no valid control
+_seen: dict[str, Any] = {}  # the goal that each of two conditions has seen
+
+
+def ControllerSelector(default_controller: str, **_: object) -> dict[str, str]:
+    return {"selected_controller": default_controller}
+
+
+def PlannerSelector(default_planner: str, **_: object) -> dict[str, str]:
+    return {"selected_planner": default_planner}
+
+
+def GoalCheckerSelector(default_goal_checker: str, **_: object) -> dict[str, str]:
+    return {"selected_goal_checker": default_goal_checker}
+
+
+def ProgressCheckerSelector(default_progress_checker: str, **_: object) -> dict[str, str]:
+    return {"selected_progress_checker": default_progress_checker}
+
+
+def PathHandlerSelector(default_path_handler: str, **_: object) -> dict[str, str]:
+    return {"selected_path_handler": default_path_handler}
+
+
+def GlobalUpdatedGoal(keys: Mapping[str, Any]) -> bool:
+    """Whether the goal has changed since the last time; at first it has."""
+    return _changed("global", keys["goal"], first=True)
+
+
+def GoalUpdated(keys: Mapping[str, Any]) -> bool:
+    """Whether the goal has changed since the last time; at first it has not."""
+    return _changed("local", keys["goal"], first=False)
+
+
+def WouldAPlannerRecoveryHelp(error_code: int | None) -> bool:
+    return error_code in PLANNER_HELPS
+
+
+def WouldAControllerRecoveryHelp(error_code: int | None) -> bool:
+    return error_code in CONTROLLER_HELPS
+
+
+def TruncatePathLocal(input_path: Any, **_: object) -> dict[str, Any] | bool:
+    return input_path is not None and {"output_path": input_path}
+
+
+def IsGoalNearby(path: Any, proximity_threshold: float, **_: object) -> bool:
+    """Whether the path is short."""
+    points = [each.pose.position for each in path.poses] if path else []
+    length = sum(hypot(b.x - a.x, b.y - a.y) for a, b in pairwise(points))
+    return bool(points) and length < proximity_threshold
+
+
+def _changed(name: str, goal: Any, *, first: bool) -> bool:
+    changed = goal != _seen[name] if name in _seen else first
+    _seen[name] = goal
+    return bool(changed)
