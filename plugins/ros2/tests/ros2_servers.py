@@ -16,6 +16,7 @@ from rclpy.signals import SignalHandlerOptions
 from std_msgs.msg import Float32
 from std_srvs.srv import SetBool, Trigger
 from test_msgs.action import Fibonacci
+from test_msgs.srv import BasicTypes
 
 SUCCEEDS, FAILS, HANGS, REJECTED = 1, 2, 3, 4  # as the order of a goal
 SLOW = 5  # accepted after 1.5 s; then it hangs
@@ -55,6 +56,7 @@ class Servers:
         if name == "/drive":
             self.node.create_service(Trigger, "/dock", self._dock, callback_group=group)
             self.node.create_service(SetBool, "/near", self._near, callback_group=group)
+            self.node.create_service(BasicTypes, "/echo", self._echo, callback_group=group)
         self.battery = self.node.create_publisher(Float32, "/battery", 1)
         self._executor = MultiThreadedExecutor(threads, context=self._context)
         self._executor.add_node(self.node)
@@ -101,6 +103,13 @@ class Servers:
 
     def _near(self, _: Any, response: Any) -> Any:
         response.success = self.near
+        return response
+
+    def _echo(self, request: Any, response: Any) -> Any:
+        """The response has the values of the request."""
+        for field in response.get_fields_and_field_types():
+            setattr(response, field, getattr(request, field))
+        self.calls.append(request.string_value)
         return response
 
     def close(self) -> None:

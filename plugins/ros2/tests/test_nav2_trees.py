@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import shutil
 import signal
 import subprocess
@@ -71,6 +72,12 @@ def build() -> Path:
     return prefix
 
 
+def named(xml: str) -> str:
+    """A tree of tests/trees/nav2.py with the names and numbers that Nav2's own has."""
+    xml = re.sub(r"(local|global)/clear", r"\1_costmap/clear_entirely_\1_costmap", xml)
+    return xml.replace(' spin_dist="1.57"', "").replace('backup_speed="0.1"', 'backup_speed="0.15"')
+
+
 class Robot(Bench):
     """A node with one of Nav2's trees, and Nav2's servers, in processes."""
 
@@ -99,7 +106,7 @@ class Robot(Bench):
     def navigate(self, name: str = STOCK) -> subprocess.Popen[bytes]:
         """Starts a tree of Nav2, which ends with its navigation."""
         folder = os.environ.get("NAV2_TREES")
-        xml = model = "" if folder else file_of(SHAPES[name]).replace(' spin_dist="1.57"', "")
+        xml = model = "" if folder else named(file_of(SHAPES[name]))
         if folder:
             xml = Path(folder, f"{name}.xml").read_text(encoding="utf-8")
             model = Path(folder, "nav2_tree_nodes.xml").read_text(encoding="utf-8")

@@ -87,9 +87,13 @@ class Robot:
         self.node.create_subscription(
             String, "/robot/status", lambda m: self.states.append(json.loads(m.data)), 10
         )
-        leaves = folder / "leaves.py"
+        words, leaves = folder / "robot.json", folder / "leaves.py"
         self.tree_node = TreeNode(
-            self.node, self.file, robot_map, leaves=leaves if leaves.exists() else None
+            self.node,
+            self.file,
+            robot_map,
+            words if words.exists() else None,
+            leaves=leaves if leaves.exists() else None,
         )
 
     def until(self, holds: Callable[[NodeStatus | None], bool], seconds: float = 15) -> bool:
@@ -390,6 +394,50 @@ def test_fields_are_checked_for_the_tree_that_is_loaded(
     monkeypatch.setattr("islandgp_ros2.node.load_tree", lambda *_: other)
     machine.file.write_text("Dock")
     assert not machine.until(lambda _: bool(servers.cancelled), 1.2)
+
+
+DECLARED = """{"domain": "cart",
+"actions": {
+  "Echo": {"meaning": "", "sets": ["swift", "pace", "count", "shelf"], "arguments": {
+    "fast": {"sort": "flag", "meaning": "", "default": "no"},
+    "speed": {"sort": "number", "meaning": "", "default": 0.5, "low": 0, "high": 9},
+    "laps": {"sort": "integer", "meaning": "", "default": 1, "low": 0, "high": 9},
+    "place": {"sort": "word", "meaning": "", "words": ["dock", "door"], "default": "dock"}}},
+  "Say": {"meaning": "", "arguments": {"text": {"sort": "text", "meaning": "", "default": ""}}},
+  "Drive": {"meaning": "", "uses": ["base"]}},
+"keys": {
+  "swift": {"initial": "no"},
+  "pace": {"flag": false, "low": 0, "high": 9, "initial": 0},
+  "count": {"flag": false, "low": 0, "high": 9, "whole": true, "initial": 0},
+  "shelf": {"words": ["dock", "door"], "initial": "dock"}}}"""
+ECHO = """node: robot
+actions:
+  Echo:
+    service: /echo
+    type: test_msgs/srv/BasicTypes
+    request: {bool_value: fast, float64_value: speed, int32_value: laps, string_value: place}
+    result: {bool_value: swift, float64_value: pace, int32_value: count, string_value: shelf}
+  Say: {service: /echo, type: test_msgs/srv/BasicTypes, request: {string_value: text}}
+  Drive: {action: /drive, type: test_msgs/action/Fibonacci, goal: {order: 1}}
+"""
+
+
+def test_every_declaration(
+    servers: Servers,
+    robot: Callable[[str], Robot],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    """Each sort of argument reaches its field, and each sort of key is set by a result."""
+    monkeypatch.setattr("test_ros2.MAP", ECHO)
+    (tmp_path / "robot.json").write_text(DECLARED)
+    machine = robot("""sequence {
+      Echo(fast: yes, speed: 2.5, laps: 3, place: door)
+      when swift and pace == 2.5 and count == 3 and shelf == door { Say(text: "{shelf}") }
+      Echo when not swift and pace == 0.5 and count == 1 and shelf == dock { Drive }
+      Say(text: "an end") }""")
+    assert machine.ended() == NodeStatus.SUCCESS
+    assert servers.calls == ["door", "door", "dock", "an end"]
 
 
 def test_an_exception_ends_the_node() -> None:
