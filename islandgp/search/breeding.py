@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections import OrderedDict
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
-from typing import Any, ClassVar, Final, Generic, Self, TypeVar
+from typing import Any, ClassVar, Final, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
@@ -16,6 +16,7 @@ from islandgp.bt.analysis.simplify import simplify
 from islandgp.bt.core.language import to_text
 from islandgp.bt.core.node import Node, within
 from islandgp.gp.branches import random_list
+from islandgp.gp.evidence import Evidence, with_evaluation
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Advice, Evaluated, Individual, Origin, Tree, edited_individuals
 from islandgp.gp.random_trees import TreeSpace, check_weights, random_tree, weighted
@@ -281,6 +282,36 @@ def _new_individual(
     return i
 
 
+class HasBreeding(Protocol):
+    """Settings of a search that makes new trees."""
+
+    @property
+    def breeding(self) -> RandomTrees:
+        """The settings of new trees: a Breeding for children."""
+        ...
+
+
+def evidence_by_digest(
+    before: Iterable[Evidence],
+    evaluated: Iterable[Evaluated],
+    generation: int,
+    values: Callable[[Evaluated], Mapping[str, float]],
+) -> dict[str, Evidence]:
+    """The evidence of trees, by digest, after a generation.
+
+    Args:
+        before: the evidence so far.
+        evaluated: the generation.
+        generation: its index.
+        values: returns the values of an evaluation whose means are kept.
+    """
+    by_digest = {digest(entry.tree): entry for entry in before}
+    for e in evaluated:
+        key = digest(e.individual.tree)
+        by_digest[key] = with_evaluation(by_digest.get(key), e, generation, values(e))
+    return by_digest
+
+
 class BreedingSettings(BaseModel, frozen=True, extra="forbid"):
     """Settings of a search that creates children."""
 
@@ -292,13 +323,13 @@ class BreedingSettings(BaseModel, frozen=True, extra="forbid"):
         return ("gp.trees",)
 
 
-S = TypeVar("S", bound=BreedingSettings)
+S = TypeVar("S", bound=HasBreeding)
 
 
 class BreedingSearch(ABC, Generic[S]):
     """A search whose generations consist of re-evaluated trees, a supervisor's trees, and children.
 
-    A subclass has `Settings`, a subclass of BreedingSettings, the type `Memory`, and the two
+    A subclass has `Settings`, mostly a subclass of BreedingSettings, the type `Memory`, and the two
     methods `plan_next` and `update`.
     """
 
@@ -326,7 +357,8 @@ class BreedingSearch(ABC, Generic[S]):
         self, state: SearchState, evaluated: Sequence[Evaluated], advice: Advice
     ) -> SearchState:
         """See `Search`."""
-        return SearchState(state.generation + 1, self.update(state, evaluated), advice)
+        memory = self.update(state, evaluated)
+        return SearchState(state.generation + 1, memory, advice if self.uses else None)
 
     def plan_first(self, streams: Streams) -> GenerationPlan:  # noqa: ARG002 -- a subclass may draw
         """Generation 0: the plan's founders, then random trees."""

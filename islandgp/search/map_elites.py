@@ -18,7 +18,7 @@ from typing import Any, ClassVar, Final
 from pydantic import Field
 
 from islandgp.domain import Schema
-from islandgp.gp.evidence import Evidence, with_evaluation
+from islandgp.gp.evidence import Evidence
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Evaluated
 from islandgp.scoring.constraints import Merit, limited, merit, violation
@@ -30,6 +30,7 @@ from islandgp.search.breeding import (
     Parent,
     Slots,
     digest,
+    evidence_by_digest,
 )
 from islandgp.search.descriptor import Descriptor, cell, dimensions, faults, point
 
@@ -95,15 +96,15 @@ class MapElites(BreedingSearch[MapElitesSettings]):
     def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Grid:
         """See `BreedingSearch`."""
         occupants = () if state.memory is None else state.memory.occupants
-        by_digest = {digest(o.tree): o for o in occupants}
-        for e in evaluated:
-            key = digest(e.individual.tree)
-            place = point(self.dimensions, e.outcome)
-            means = {FITNESS: e.fitness, **dict(zip(self.axes, place, strict=True))}
-            means |= limited(e.outcome.counters, self.plan.constraints)
-            by_digest[key] = with_evaluation(by_digest.get(key), e, state.generation, means)
-        cells = self.cells(tuple(by_digest.values())).values()
+        known = evidence_by_digest(occupants, evaluated, state.generation, self._values)
+        cells = self.cells(tuple(known.values())).values()
         return Grid(tuple(o for cell in cells for o in cell[: self.settings.depth]))
+
+    def _values(self, e: Evaluated) -> dict[str, float]:
+        """The values of an evaluation whose means decide."""
+        place = zip(self.axes, point(self.dimensions, e.outcome), strict=True)
+        limits = limited(e.outcome.counters, self.plan.constraints)
+        return {FITNESS: e.fitness, **dict(place), **limits}
 
     def cells(self, occupants: Sequence[Evidence]) -> dict[tuple[int, ...], list[Evidence]]:
         """The occupants of each cell, the best first."""

@@ -29,7 +29,7 @@ from pydantic import Field, FiniteFloat
 
 from islandgp.bt.core.node import Node, size
 from islandgp.errors import ConfigError
-from islandgp.gp.evidence import Evidence, estimate, with_evaluation
+from islandgp.gp.evidence import Evidence, estimate
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Evaluated
 from islandgp.gp.selection import by_rank
@@ -44,6 +44,7 @@ from islandgp.search.breeding import (
     Pick,
     Slots,
     digest,
+    evidence_by_digest,
 )
 from islandgp.search.compose import priority_lists
 from islandgp.search.lexicase import Contender, contender, lexicase_draw
@@ -173,11 +174,8 @@ class Racing(BreedingSearch[RacingSettings]):
     def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> RacingMemory:
         """See `BreedingSearch`."""
         memory: RacingMemory = state.memory or RacingMemory((), ())
-        entries = {digest(entry.tree): entry for entry in memory.entries}
+        entries = evidence_by_digest(memory.entries, evaluated, state.generation, self._values)
         keys = [digest(e.individual.tree) for e in evaluated]
-        for key, e in zip(keys, evaluated, strict=True):
-            means = {BONUS: self._bonus(e), **limited(e.outcome.counters, self.plan.constraints)}
-            entries[key] = with_evaluation(entries.get(key), e, state.generation, means)
         ranked = distinct(self._ranked(list(entries.values()), -1.0), state.generation)
         survivor_count = max(2, round(self.settings.survivors * self.plan.gp.population))
         lexicase = self.settings.specialists and self.plan.gp.episodes > 1
@@ -203,15 +201,16 @@ class Racing(BreedingSearch[RacingSettings]):
             return RacingMemory((), memory.tried, began=generation, champions=champions)
         return replace(memory, entries=tuple(self._ranked(champions, -1.0)), champions=())
 
-    def _bonus(self, e: Evaluated) -> float:
-        """Bonuses for milestones and behaviours, in residual standard deviations.
+    def _values(self, e: Evaluated) -> dict[str, float]:
+        """The counters with a constraint, and the bonuses in residual standard deviations.
 
-        Both are steps towards a good robot that may cost points at first.
+        Milestones and behaviours are steps towards a good robot that may cost points at first.
         """
         classes, settings = self.plan.classes, self.settings
         milestones = len(set(e.labels.tiers) & set(classes.milestones))
         behaviours = len(classes.behaviours_of(e.outcome.counters))
-        return settings.milestone * milestones + settings.behaviour * behaviours
+        bonus = settings.milestone * milestones + settings.behaviour * behaviours
+        return {BONUS: bonus, **limited(e.outcome.counters, self.plan.constraints)}
 
     def _ranked(self, entries: Sequence[Evidence], sign: float) -> list[Evidence]:
         """The entries by the lower confidence bound (`sign` -1) or the upper one (1), best first.

@@ -8,27 +8,30 @@ Programming. `search=random_paper` draws the paper's random trees.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any, ClassVar
 
-from islandgp.gp.plan import Plan
-from islandgp.gp.population import Advice, Evaluated, Individual
-from islandgp.search.base import SearchContext, SearchState
+from islandgp.gp.population import Evaluated
+from islandgp.search.base import SearchState
 from islandgp.search.breeding import (
     MAX_DIGESTS,
+    BreedingSearch,
     GenerationPlan,
     RandomTrees,
     digest,
-    new_generation,
 )
-from islandgp.seeding import Streams
 
 
 class RandomSearchSettings(RandomTrees, frozen=True, extra="forbid"):
     """Settings of the random trees."""
 
     reads: ClassVar = ("gp.trees",)
+
+    @property
+    def breeding(self) -> RandomTrees:
+        """The settings of new trees, which have no parents."""
+        return self
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,42 +41,19 @@ class RandomMemory:
     tried: tuple[str, ...] = ()  # digests
 
 
-class RandomSearch:
+class RandomSearch(BreedingSearch[RandomSearchSettings]):
     """Evaluates new random trees in each generation."""
 
     Settings = RandomSearchSettings
     Memory: ClassVar[Any] = RandomMemory
     uses: ClassVar[frozenset[str]] = frozenset()
 
-    @classmethod
-    def make(cls, settings: RandomSearchSettings, context: SearchContext) -> RandomSearch:
-        """See `Search`."""
-        return cls(settings, context.plan)
+    def plan_next(self, state: SearchState) -> GenerationPlan:
+        """See `BreedingSearch`."""
+        return GenerationPlan(known_digests=state.memory.tried)
 
-    def __init__(self, settings: RandomSearchSettings, plan: Plan) -> None:
-        self.settings = settings
-        self.plan = plan
-
-    def start(self) -> SearchState:
-        """See `Search`."""
-        return SearchState(0)
-
-    def ask(self, state: SearchState, streams: Streams) -> Iterator[Individual]:
-        """See `Search`; the founders, if there are any, come first."""
-        if state.memory is None:
-            contents = GenerationPlan(initial_trees=self.plan.founders)
-        else:
-            contents = GenerationPlan(known_digests=state.memory.tried)
-        unadvised = replace(state, advice=None)
-        return new_generation(self.plan, streams, unadvised, contents, self.settings)
-
-    def tell(
-        self,
-        state: SearchState,
-        evaluated: Sequence[Evaluated],
-        advice: Advice,  # noqa: ARG002 -- the protocol's
-    ) -> SearchState:
-        """See `Search`. Fitness and advice have no effect."""
+    def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> RandomMemory:
+        """See `BreedingSearch`. Fitness has no effect."""
         before = () if state.memory is None else state.memory.tried
         tried = dict.fromkeys((*before, *(digest(e.individual.tree) for e in evaluated)))
-        return SearchState(state.generation + 1, RandomMemory(tuple(tried)[-MAX_DIGESTS:]))
+        return RandomMemory(tuple(tried)[-MAX_DIGESTS:])
