@@ -15,7 +15,7 @@ from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from heapq import heappop, heappush
 from inspect import getfile
-from itertools import combinations_with_replacement, pairwise
+from itertools import pairwise
 from math import isclose, isfinite
 from pathlib import Path
 from textwrap import indent
@@ -25,7 +25,7 @@ import numpy as np
 import yaml
 
 from islandgp.bt.core.language import domain_of, parse
-from islandgp.bt.core.node import Limits, Node, ParallelArgs, leaf, sequence
+from islandgp.bt.core.node import Limits, Node, leaf, sequence
 from islandgp.domain import Domain
 from islandgp.errors import IslandError, TimeLimitError
 from islandgp.gp.random_trees import TreeSettings, TreeSpace, random_tree
@@ -34,7 +34,6 @@ from islandgp.supervision.library import library_folder
 from islandgp.testing.episodes import (
     SEEDS,
     Promise,
-    Record,
     Survey,
     TreeRun,
     fault_text,
@@ -62,16 +61,8 @@ class Check:
         """A line for the events, actions and keys of the schema that no tree has reached."""
         return list(unreached(self.survey)) if self.survey else []
 
-    def shared(self) -> list[str]:
-        """A line for actions that seem to share a resource that they do not declare.
-
-        Two actions do if their order in a parallel changes an episode, and an action does with
-        itself if two of it at once do not do the same as one.
-        """
-        return list(_seem_shared(self.survey)) if self.survey else []
-
     def lines(self) -> Iterator[str]:
-        """A report: each promise, what no tree has reached, and resources that seem shared."""
+        """A report: each promise, and what no tree has reached."""
         for promise in Promise if self.trees_run else self.faults:
             fault = self.faults.get(promise, "")
             yield f"{'FAILED' if fault else 'ok':<6}  {promise}"
@@ -84,9 +75,6 @@ class Check:
             yield f"\nNot reached by any of {self.trees_run} trees (no failure without --strict):"
             yield from (f"  {line}" for line in lacking)
             yield "A tree that reaches them can be added: islandgp domain NAME --check TREE.bt"
-        if shared := self.shared():
-            yield "\nActions that seem to share a resource; declare it as their `uses` if they do:"
-            yield from (f"  {line}" for line in shared)
 
 
 def check_domain(
@@ -117,11 +105,8 @@ def check_domain(
     except (Exception, SystemExit) as error:  # any exception of a domain is a fault
         return Check({str(Promise.RUNS): fault_text(error)}, None)
     found: dict[str, str] = {}
-    if crashes := list(survey.crashes.values())[:MAX_FAULTS]:
-        lines = (
-            f"{text} (world seed {seed}, tree {tree_line(tree)})" for text, seed, tree in crashes
-        )
-        found[Promise.RUNS] = "\n".join(lines)
+    if survey.crashes:
+        found[Promise.RUNS] = "\n".join(list(survey.crashes.values())[:MAX_FAULTS])
     copies: dict[Promise, Callable[[], Domain]] = {
         Promise.REPEATS: make,
         Promise.PICKLES: lambda: pickle.loads(pickle.dumps(make())),
@@ -179,7 +164,7 @@ def _run_trees(
     space = TreeSpace(settings, vocabulary, Limits(max_depth=5, max_nodes=30))
     drawn = (random_tree(np.random.default_rng(slot), space) for slot in range(number))
     try:
-        for tree in (*own, *leaves, *pairs, *drawn):
+        for tree in (*leaves, *own, *pairs, *drawn):
             survey.run(tree)
         _grow(survey, leaves, grown)
         running = [run.tree for run in survey.runs if run.tree in own]
@@ -213,39 +198,13 @@ def _grow(survey: Survey, actions: Sequence[Node], most: int) -> None:
                 heappush(waiting, (not firsts, -len(longer), -most, longer))
 
 
-def _seem_shared(survey: Survey) -> Iterator[str]:
-    actions = survey.domain.schema.vocabulary.actions
-    acting = [name for name, action in actions.items() if not action.condition]
-
-    def ticks(tree: Node) -> list[Hashable]:
-        record = Record(tree, survey.domain.schema)
-        try:
-            survey.episode(tree, SEEDS[0], {}, record)
-        except (Exception, SystemExit):  # it is among the faults
-            return []
-        return record.first_ticks
-
-    for one, other in combinations_with_replacement(acting, 2):
-        if {*actions[one].uses} & {*actions[other].uses}:
-            continue
-        first, second = leaf(one), leaf(other)
-        both = Node("parallel", ParallelArgs("all", "all"), (first, second))
-        swapped = first if one == other else both._replace(children=(second, first))
-        before = dict.fromkeys((*actions[one].after, *actions[other].after))
-        prepared = [leaf(name) for name in before]
-        if ticks(sequence(*prepared, both)) != ticks(sequence(*prepared, swapped)):
-            yield f"{one} with itself" if one == other else f"{one} and {other}"
-
-
 def _other_outcome(survey: Survey, domain: Domain) -> str:
     """A line for the first episode that has another outcome in an equal domain, or ""."""
     for run in reversed(survey.runs):
         for seed, before in zip(reversed(run.seeds), reversed(run.plain), strict=True):
             if before != survey.episode(run.tree, seed, domain=domain):
-                return (
-                    "Expected equal outcomes of equal episodes, found others of"
-                    f" {tree_line(run.tree)}"
-                )
+                line = tree_line(run.tree)
+                return f"Expected equal outcomes of equal episodes, found others of {line}"
     return ""
 
 

@@ -11,14 +11,13 @@ from typing import Any, Final
 
 from islandgp.bt.core.engine import ABORTED
 from islandgp.bt.core.language import to_text
-from islandgp.bt.core.node import AGAIN, FAILURE, STATUS_NAMES, SUCCESS, Node, size, walk
+from islandgp.bt.core.node import AGAIN, FAILURE, STATUS_NAMES, SUCCESS, Node, walk
 from islandgp.domain import Domain, Observer, Outcome, Scene, Schema, SimulatorDomain, prepare
 from islandgp.errors import IslandError, TimeLimitError
 from islandgp.plugin import raised_in
 from islandgp.time_limit import TimeLimit
 
 SEEDS: Final = (0, 1, 2**32 - 1)  # of the worlds of all trees
-FIRST_TICKS: Final = 500  # that are compared for effects of two actions on each other
 FRAMES: Final = 3  # ticks whose frames are checked
 PNG: Final = b"\x89PNG\r\n\x1a\n"
 
@@ -58,8 +57,8 @@ class Survey:
     domain: Domain
     timeout: float  # of an episode, s; 0: none
     runs: list[TreeRun] = field(default_factory=list)  # of the trees that raised no exception
-    crashes: dict[tuple[str, str], tuple[str, int, Node]] = field(default_factory=dict)
-    """By type and place: the text of an exception, the seed of the world, and the tree."""
+    crashes: dict[tuple[str, str], str] = field(default_factory=dict)
+    """By type and place: a line on the first exception, with the seed of the world and the tree."""
 
     def episode(
         self,
@@ -90,8 +89,8 @@ class Survey:
                 outcomes.append(self.episode(tree, at))
         except (Exception, SystemExit) as error:  # a simulator may call sys.exit
             key = type(error).__name__, raised_in(error) or fault_text(error)
-            if key not in self.crashes or size(tree) < size(self.crashes[key][2]):
-                self.crashes[key] = fault_text(error), at, tree
+            line = f"{fault_text(error)} (world seed {at}, tree {tree_line(tree)})"
+            self.crashes.setdefault(key, line)
             if isinstance(error, TimeLimitError):
                 raise
             return None
@@ -147,7 +146,6 @@ class Record(Observer):
         self.statuses: set[tuple[str, int]] = set()  # action and status at the end of a tick
         self.states: set[Hashable] = set()  # values of all flags together
         self.ticks = 0
-        self.first_ticks: list[Hashable] = []  # blackboards, with the things that move
         self.ends: dict[str, tuple[float, float]] = {}  # least and greatest value by key
         self.points = dict.fromkeys(schema.components, 0.0)
         self.credited: Counter[str] = Counter()
@@ -187,8 +185,6 @@ class Record(Observer):
             self._look_at_scene(scene)
         elif scene is not None:
             self._fault(Promise.SCENES, "a Scene", f"{scene!r:.80}")
-        if self.ticks <= FIRST_TICKS:
-            self.first_ticks.append((tuple(board), getattr(scene, "movers", ())))
 
     def credit(self, component: str, points: float, event: str, action: str) -> None:
         for kind, name, names in (
