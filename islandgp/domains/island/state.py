@@ -21,6 +21,16 @@ from islandgp.domains.island.world import FAR, FULL, MICRO, IslandWorld
 
 _NAMES: Final = EPISODE.names or ()
 _AT: Final = {name: at for at, name in enumerate(_NAMES)}
+NONE_YET: Final = (
+    *("wish_x", "wish_y", "goal_x", "goal_y", "item", "humanoid", "fined_at"),
+    *("rewarded_segment", "negative_since"),
+)
+"""Fields of the record that are -1 at step 0."""
+OF_ROBOT: Final = (
+    *("capacity", "speed", "radius", "perception", "pickup_reach", "station_reach"),
+    "patrol_segment",
+)
+"""Settings of the robot that are fields of the record as they are."""
 _PENDING, _BEST, _NEGATIVE = (_AT[n] for n in ("event_count", "best_step", "negative_since"))
 
 
@@ -168,18 +178,13 @@ class State:
 @lru_cache(maxsize=8)
 def _settings(world: IslandWorld) -> tuple[Table, dict[str, Table]]:
     """The record of an episode at step 0 with a world's settings, and the stations."""
-    record, stations = (
-        np.zeros(1, EPISODE),
-        {
-            name: np.array(points, np.float64).view(STATION)
-            for name, points in (
-                ("chargers", world.chargers),
-                ("points", world.clearing_points),
-                ("waypoints", world.waypoints),
-            )
-        },
-    )
-    for name, table in stations.items():
+    record, stations = np.zeros(1, EPISODE), dict[str, Table]()
+    for name, points in (
+        ("chargers", world.chargers),
+        ("points", world.clearing_points),
+        ("waypoints", world.waypoints),
+    ):
+        stations[name] = table = np.array(points, np.float64).view(STATION)
         record[f"{name}_at"], record[name] = table.ctypes.data, table.size
     episode, robot, people, step = world.episode, world.robot, world.humanoids, world.episode.step
 
@@ -193,17 +198,9 @@ def _settings(world: IslandWorld) -> tuple[Table, dict[str, Table]]:
         "x": world.start[0],
         "y": world.start[1],
         "heading_x": 1.0,
-        "wish_x": -1.0,
-        "wish_y": -1.0,
-        "goal_x": -1.0,
-        "goal_y": -1.0,
+        **dict.fromkeys(NONE_YET, -1),
         "lead": inf,
         "wake": FAR,
-        "rewarded_segment": -1,
-        "negative_since": -1,
-        "item": -1,
-        "humanoid": -1,
-        "fined_at": -1,
         "spent": FULL,
         "battery": round(robot.battery_start * MICRO),
         "drain_moving": min(FULL, round(robot.drain_moving * step * MICRO)),
@@ -217,9 +214,7 @@ def _settings(world: IslandWorld) -> tuple[Table, dict[str, Table]]:
         "stagnation_low_battery": steps(episode.stagnation_low_battery),
         "negative": min(FAR, round(episode.negative / step)),
         "second": steps(1),
-        **{name: getattr(robot, name) for name in ("capacity", "speed", "radius", "perception")},
-        **{name: getattr(robot, name) for name in ("pickup_reach", "station_reach")},
-        "patrol_segment": robot.patrol_segment,
+        **{name: getattr(robot, name) for name in OF_ROBOT},
         "ask_from": people.ask_from,
         "most_items": people.most_items,
         "dt": step,
