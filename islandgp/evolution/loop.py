@@ -14,7 +14,7 @@ from time import perf_counter
 
 from islandgp.evaluation.base import Evaluator
 from islandgp.evolution.generation import EvaluatedGeneration, Parts, evaluate_generation
-from islandgp.evolution.search_calls import findings, restored, updated_search
+from islandgp.evolution.search_calls import findings, restored, updated_memory
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Advice
 from islandgp.gp.record import (
@@ -31,7 +31,7 @@ from islandgp.scoring.state import PopulationState, population_state
 from islandgp.search.base import Search, SearchState
 from islandgp.seeding import Streams
 from islandgp.supervision.base import GenerationView, Guidance, Supervisor
-from islandgp.supervision.guidance import Nameable, SupervisorQueue, decide, nameable
+from islandgp.supervision.guidance import SupervisorQueue, decide, nameable
 
 
 def state_of_population(plan: Plan, history: Sequence[GenerationStats]) -> PopulationState:
@@ -154,27 +154,16 @@ class _Loop:
             waited = perf_counter() - waiting
             library = max(library, parts.library_episodes())
             outside = library - state.library + (0 if answer is None else answer.episodes)
-            names = self._nameable(done)
-            guidance, advice = decide(
-                plan,
-                parts.search,
-                population,
-                answer,
-                state.advice.rate,
-                names=names,
-            )
+            generations = (*self.recent, done.records) if plan.switches.edits else ()
+            names = nameable(generations, done.archive.elites if generations else ())
+            rate = state.advice.rate
+            guidance, advice = decide(plan, parts.search, population, answer, rate, names=names)
+            memory = updated_memory(parts.search, search_state, done.population, advice, plan)
+            spent = state.spent + done.episodes + outside
+            parents = {e.parents[0]: names[e.parents[0]] for e in advice.edited}
+            elites = done.archive.elites
             following = RunState(
-                g + 1,
-                advice,
-                history,
-                updated_search(
-                    parts.search, search_state, done.population, advice, plan.vocabulary
-                ).memory,
-                champion,
-                state.spent + done.episodes + outside,
-                library,
-                done.archive.elites,
-                {e.parents[0]: names[e.parents[0]] for e in advice.edited},
+                g + 1, advice, history, memory, champion, spent, library, elites, parents
             )
         record = GenerationRecord(
             snapshot=done.stats,
@@ -218,9 +207,3 @@ class _Loop:
             )
             self.queue.ask(population, view)
         return self.queue.answer(now.generation)
-
-    def _nameable(self, done: EvaluatedGeneration) -> Nameable:
-        """By id, the trees that an edit of the present answer may name."""
-        if not self.parts.plan.switches.edits:
-            return {}
-        return nameable((*self.recent, done.records), done.archive.elites)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
+from typing import Any
 
 from islandgp.bt.core.node import Node, names_in, size_and_depth
 from islandgp.bt.core.vocabulary import Vocabulary
@@ -64,14 +65,14 @@ def _must_be_individual(value: object, name: str, plan: Plan) -> None:
             )
 
 
-def updated_search(
+def updated_memory(
     search: Search,
     state: SearchState,
     population: Sequence[Evaluated],
     advice: Advice,
-    vocabulary: Vocabulary,
-) -> SearchState:
-    """Calls `tell` and checks the state. Raises PartError if a checkpoint cannot store it."""
+    plan: Plan,
+) -> Any:
+    """The memory of the state that `tell` returns. Raises PartError for one that is no state."""
     path = path_of(type(search))
     with plugin_errors(path):
         new = search.tell(state, population, advice)
@@ -80,10 +81,10 @@ def updated_search(
                 f"expected tell to return SearchState({state.generation + 1}, ...), found {new!r}"
             )
         if not (path.startswith("islandgp.") or new.memory is None):
-            restored = from_json(search.Memory, to_json(new.memory), vocabulary)
+            restored = from_json(search.Memory, to_json(new.memory), plan.vocabulary)
             if state.generation == 0 and restored != new.memory:
                 raise ValueError("expected a Memory that is the same after a checkpoint")
-    return new
+    return new.memory
 
 
 def restored(state: RunState, search: Search, vocabulary: Vocabulary) -> RunState:

@@ -263,14 +263,14 @@ def decide_edits(
 
     Edits are processed in order until all slots are taken.
     """
-    records: list[EditRecord] = []
-    trees: list[EditedTree] = []
+    records, trees = list[EditRecord](), list[EditedTree]()
     for edit in edits:
+        refused = ""
         try:
             trees.append(_edited_tree(plan, search, edit, names, trees))
-            records.append(as_record(edit, ""))
         except ValueError as error:
-            records.append(as_record(edit, str(error)))
+            refused = str(error)
+        records.append(as_record(edit, refused))
     return tuple(records), tuple(trees)
 
 
