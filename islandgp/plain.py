@@ -10,7 +10,7 @@ from contextlib import suppress
 from functools import cache
 from typing import Annotated, Any, Final, NoReturn, TypeVar, cast
 
-from pydantic import BeforeValidator, TypeAdapter, ValidationError
+from pydantic import AfterValidator, BeforeValidator, TypeAdapter, ValidationError
 
 from islandgp.gate import cleaned_values
 
@@ -26,6 +26,18 @@ DECODE_ERRORS: Final = (
     RecursionError,
 )
 """Exceptions of reading values with an unexpected form."""
+
+Pair = TypeVar("Pair", bound=tuple[float, float])
+
+
+def _rising(pair: Pair) -> Pair:
+    if pair[0] > pair[1]:
+        raise ValueError(f"expected the lower number first, found {list(pair)}")
+    return pair
+
+
+RISING: Final = AfterValidator(_rising)
+"""Makes pydantic reject a pair of numbers whose first one is the greater one."""
 
 
 def read_json(text: str | bytes) -> Any:

@@ -2,11 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeVar
 
-from pydantic import BaseModel, Field, FiniteFloat, model_validator
+from pydantic import (
+    AfterValidator,
+    BaseModel,
+    Field,
+    FiniteFloat,
+    NonNegativeInt,
+    model_validator,
+)
 
 from islandgp.bt.core.node import Limits, Node
 from islandgp.bt.core.vocabulary import Vocabulary
@@ -15,6 +22,7 @@ from islandgp.gp.population import Evaluated
 from islandgp.gp.random_trees import TreeSettings, TreeSpace
 from islandgp.gp.selection import SELECTIONS
 from islandgp.gp.variation import CROSSOVERS, MutationSettings
+from islandgp.plain import RISING
 from islandgp.plugin import function
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import Constraints
@@ -29,6 +37,16 @@ RUN_READS: Final = (
     *("gp.reseed_every", "gp.shared_seed", "gp.max_depth", "gp.max_nodes"),
 )
 """Keys of `gp` that every run reads. A search or a supervisor declares others in `reads`."""
+
+
+def name_in(table: Mapping[str, Any]) -> AfterValidator:
+    """Makes pydantic reject what is neither an entry of a table nor a "module:function"."""
+
+    def checked(name: str) -> str:
+        function(name, table)
+        return name
+
+    return AfterValidator(checked)
 
 
 class Declared(BaseModel, frozen=True, extra="forbid"):
@@ -70,9 +88,9 @@ class GP(Declared, frozen=True, extra="forbid"):
 
     population: int = Field(ge=4, le=10_000)
     generations: int = Field(ge=1, le=MAX_GENERATIONS)  # including generation 0
-    selection: str  # of parents: an entry of SELECTIONS, or "module:function"
+    selection: Annotated[str, name_in(SELECTIONS)]  # of parents; or "module:function"
     tournament_size: int = Field(ge=1)  # individuals that a selection compares
-    crossover: str  # an entry of CROSSOVERS, or "module:function"
+    crossover: Annotated[str, name_in(CROSSOVERS)]  # or "module:function"
     crossover_rate: float = Field(ge=0, le=1)
     mutation_rate: float = Field(ge=0, le=1)  # until a supervisor sets another one
     founders: bool = False  # the library's trees start the initial population
@@ -88,18 +106,6 @@ class GP(Declared, frozen=True, extra="forbid"):
     mutation: MutationSettings
     state: StateSettings
     crisis: Crisis
-
-    @model_validator(mode="after")
-    def _check_operators(self) -> GP:
-        for key, name, table in (
-            ("selection", self.selection, SELECTIONS),
-            ("crossover", self.crossover, CROSSOVERS),
-        ):
-            try:
-                function(name, table)
-            except ValueError as error:
-                raise ValueError(f"{key}: {error}") from None
-        return self
 
     @property
     def episodes_in_all(self) -> int:
@@ -119,8 +125,9 @@ class Allocation(BaseModel, frozen=True, extra="forbid"):
     elites: int = Field(ge=0)  # at most
     behavioural_elites: int = Field(ge=0)  # at most
     resurrected: int = Field(ge=0)  # at most
-    diversity: tuple[int, int]  # least and most
-    tournament_children: tuple[int, int]  # least and most
+    diversity: Annotated[tuple[Annotated[int, Field(ge=1)], int], RISING]  # least and most
+    tournament_children: Annotated[tuple[NonNegativeInt, int], RISING]
+    """Least and most; none: a random search."""
     diversity_targets: tuple[
         float, float
     ]  # Eq. (3): from the first on, the fewest slots; below the second, the most
@@ -128,13 +135,6 @@ class Allocation(BaseModel, frozen=True, extra="forbid"):
 
     @model_validator(mode="after")
     def _ranges(self) -> Allocation:
-        lowest = {"diversity": 1, "tournament_children": 0}  # no children: a random search
-        for name in lowest:
-            least, most = getattr(self, name)
-            if not lowest[name] <= least <= most:
-                raise ValueError(
-                    f"{name}: expected {lowest[name]} <= least <= most, found [{least}, {most}]"
-                )
         enough, low = self.diversity_targets
         if not 0 <= low <= enough <= 1:
             raise ValueError(

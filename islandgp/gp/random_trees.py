@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import floor, inf, log10
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
-from pydantic import BaseModel, Field, model_validator
+from pydantic import AfterValidator, BaseModel, Field
 
 from islandgp.bt.analysis.conflicts import without_conflicts
 from islandgp.bt.core.condition import FLAG_OPERATORS, OPERATORS, Condition, ConditionExpr, combine
@@ -19,8 +19,33 @@ from islandgp.bt.core.node import Args, GuardArgs, Limits, Node, Value, within
 from islandgp.bt.core.parameters import Parameter, leaf_of
 from islandgp.bt.core.vocabulary import Key, Vocabulary
 from islandgp.domain import total
+from islandgp.plain import RISING
 
 MAX_EXPECTED_NODES: Final = 2000.0  # most expected nodes of a random tree; a run allows up to 1,000
+
+
+def weights_of(names: Iterable[str], load: Callable[[str], object] | None = None) -> AfterValidator:
+    """Makes pydantic reject weights by which `weighted` cannot draw some of `names`.
+
+    Args:
+        names: that may have a weight.
+        load: called with a name that has a colon, a path of the user's; None: there are none.
+    """
+
+    def checked(weights: dict[str, float]) -> dict[str, float]:
+        custom = [name for name in weights if ":" in name and load is not None]
+        for name in custom:
+            load(name)  # type: ignore[misc] # there are custom names
+        choices = [*names, *custom]
+        sound = all(name in choices and 0 <= weight < inf for name, weight in weights.items())
+        if not sound or sum(weights.values()) <= 0:
+            raise ValueError(
+                f"expected weights >= 0 for some of {', '.join(choices)}, one of them above 0,"
+                f" found {dict(weights)}"
+            )
+        return weights
+
+    return AfterValidator(checked)
 
 
 class ConditionSettings(BaseModel, frozen=True, extra="forbid"):
@@ -34,25 +59,16 @@ class ConditionSettings(BaseModel, frozen=True, extra="forbid"):
 class TreeSettings(BaseModel, frozen=True, extra="forbid"):
     """Settings of random trees."""
 
-    depth: tuple[int, int]  # range of the target depth, in levels, >= 2
+    depth: Annotated[tuple[Annotated[int, Field(ge=2)], int], RISING]
+    """Range of the target depth, in levels."""
     leaf: float = Field(ge=0, le=1)  # probability of an action above the last level
-    children: tuple[int, int]  # least and most children of a composite, >= 1
+    children: Annotated[tuple[Annotated[int, Field(ge=1)], int], RISING]
+    """Least and most children of a composite."""
     repeats: int = Field(ge=1, le=100)  # most repetitions
-    kinds: dict[str, float]  # weight of each inner node kind
-    operators: dict[str, float]  # weight of each comparison with a number
-    aborts: dict[str, float]  # weight of each abort rule
+    kinds: Annotated[dict[str, float], weights_of(INNER)]  # of each inner node kind
+    operators: Annotated[dict[str, float], weights_of(OPERATORS)]  # of comparisons with a number
+    aborts: Annotated[dict[str, float], weights_of(ABORTS)]  # of each abort rule
     conditions: ConditionSettings = ConditionSettings()
-
-    @model_validator(mode="after")
-    def _sound(self) -> TreeSettings:
-        check_weights("kinds", self.kinds, INNER)
-        check_weights("operators", self.operators, OPERATORS)
-        check_weights("aborts", self.aborts, ABORTS)
-        if not 1 <= self.children[0] <= self.children[1]:
-            raise ValueError(f"children: expected 1 <= least <= most, found {list(self.children)}")
-        if not 2 <= self.depth[0] <= self.depth[1]:
-            raise ValueError(f"depth: expected 2 <= least <= most, found {list(self.depth)}")
-        return self
 
 
 @dataclass(frozen=True)
@@ -84,17 +100,6 @@ class TreeSpace:
         if self.keys:
             return weights
         return {k: w for k, w in weights.items() if KINDS[k].args is not GuardArgs}
-
-
-def check_weights(key: str, weights: Mapping[str, float], names: Iterable[str]) -> None:
-    """Raises ValueError unless `weighted` can draw some of `names` by these weights."""
-    choices = list(names)
-    sound = all(name in choices and 0 <= weight < inf for name, weight in weights.items())
-    if not sound or sum(weights.values()) <= 0:
-        raise ValueError(
-            f"{key}: expected weights >= 0 for some of {', '.join(choices)}, one of them above 0,"
-            f" found {dict(weights)}"
-        )
 
 
 def weighted(rng: np.random.Generator, weights: Mapping[str, float]) -> str:

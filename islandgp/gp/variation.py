@@ -8,10 +8,10 @@ function with an entry in CROSSOVERS or MUTATIONS, or its path in the configurat
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Final
+from typing import Annotated, Final
 
 import numpy as np
-from pydantic import BaseModel, Field, model_validator
+from pydantic import BaseModel, Field
 
 from islandgp.bt.core.condition import Condition, ConditionExpr, combine, terms, with_term
 from islandgp.bt.core.kinds import KINDS, REPEATS
@@ -34,7 +34,6 @@ from islandgp.gp import branches
 from islandgp.gp.branches import of_node
 from islandgp.gp.random_trees import (
     TreeSpace,
-    check_weights,
     grow,
     inner_node,
     moved_value,
@@ -44,26 +43,11 @@ from islandgp.gp.random_trees import (
     random_term,
     random_value,
     weighted,
+    weights_of,
 )
 from islandgp.plugin import function
 
 TRIES: Final = 8  # attempts at a mutation that keeps the limits and changes the tree
-
-
-class MutationSettings(BaseModel, frozen=True, extra="forbid"):
-    """Mutation operators with their weights and strengths."""
-
-    operators: dict[str, float]  # weight of each of MUTATIONS, or of a "module:function"
-    subtree_depth: int = Field(ge=1)  # most levels of a new subtree
-    number_sd: float = Field(gt=0, le=1)  # sd of a number's change, as a share of its key's range
-
-    @model_validator(mode="after")
-    def _operators_exist(self) -> MutationSettings:
-        custom = [name for name in self.operators if ":" in name]
-        for name in custom:
-            function(name, MUTATIONS)
-        check_weights("operators", self.operators, [*MUTATIONS, *custom])
-        return self
 
 
 def _subtree_crossover(
@@ -245,6 +229,17 @@ MUTATIONS: Final[dict[str, branches.Mutation]] = {
     "shrink": branches.shrink,
     "tune": branches.tune,
 }
+
+
+class MutationSettings(BaseModel, frozen=True, extra="forbid"):
+    """Mutation operators with their weights and strengths."""
+
+    operators: Annotated[
+        dict[str, float], weights_of(MUTATIONS, lambda name: function(name, MUTATIONS))
+    ]
+    """Weight of each of MUTATIONS, or of a "module:function"."""
+    subtree_depth: int = Field(ge=1)  # most levels of a new subtree
+    number_sd: float = Field(gt=0, le=1)  # sd of a number's change, as a share of its key's range
 
 
 def _must_be_mutant(result: object, _: object, __: object, space: TreeSpace, ___: object) -> None:

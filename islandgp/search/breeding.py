@@ -7,7 +7,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from hashlib import sha256
-from typing import Any, ClassVar, Final, Generic, Protocol, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Final, Generic, Protocol, Self, TypeVar
 
 import numpy as np
 from pydantic import BaseModel, Field, model_validator
@@ -19,7 +19,7 @@ from islandgp.gp.branches import random_list
 from islandgp.gp.evidence import Evidence, with_evaluation
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Advice, Evaluated, Individual, Origin, Tree, edited_individuals
-from islandgp.gp.random_trees import TreeSpace, check_weights, random_tree, weighted
+from islandgp.gp.random_trees import TreeSpace, random_tree, weighted, weights_of
 from islandgp.gp.selection import by_rank
 from islandgp.gp.variation import CROSSOVERS, MutationSettings, crossover, mutate
 from islandgp.search.base import SearchContext, SearchState
@@ -41,18 +41,11 @@ class Breeding(RandomTrees, frozen=True, extra="forbid"):
     """Settings of new trees."""
 
     crossover_rate: float = Field(ge=0, le=1)  # share of children with two parents
-    crossovers: dict[str, float]  # weight of each of CROSSOVERS, or of a "module:function"
+    crossovers: Annotated[dict[str, float], weights_of(CROSSOVERS, crossover)]
+    """Weight of each of CROSSOVERS, or of a "module:function"."""
     mutation: MutationSettings
     further: float = Field(ge=0, lt=1)
     """Probability of another mutation of the same child, after each mutation."""
-
-    @model_validator(mode="after")
-    def _check_crossovers(self) -> Breeding:
-        custom = [name for name in self.crossovers if ":" in name]
-        for name in custom:
-            crossover(name)
-        check_weights("crossovers", self.crossovers, [*CROSSOVERS, *custom])
-        return self
 
 
 MAX_DIGESTS: Final = 3000  # most digests of evaluated trees kept by a search, the latest ones

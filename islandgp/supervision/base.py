@@ -17,6 +17,7 @@ from islandgp.gp.archive import Elite
 from islandgp.gp.edits import STRICT, CheckedTree, Edit, EditTrial, Text, encodable
 from islandgp.gp.plan import GP
 from islandgp.gp.record import GuidanceRecord, IndividualRecord
+from islandgp.plain import RISING
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import Constraints
 from islandgp.scoring.curriculum import Curriculum
@@ -50,19 +51,13 @@ class Pattern(StrEnum):
 Share = Annotated[float, Field(ge=0, le=1, allow_inf_nan=False), AfterValidator(float)]
 
 
-def _in_order(rates: tuple[float, float]) -> tuple[float, float]:
-    if rates[0] > rates[1]:
-        raise ValueError("expected the lowest rate before the highest")
-    return rates
-
-
 def _complete(ranges: dict[Phase, tuple[float, float]]) -> dict[Phase, tuple[float, float]]:
     if missing := [phase.value for phase in Phase if phase not in ranges]:
         raise ValueError(f"expected a range for each phase, missing {', '.join(missing)}")
     return ranges
 
 
-Rates = Annotated[tuple[Share, Share], AfterValidator(_in_order)]
+Rates = Annotated[tuple[Share, Share], RISING]
 """The lowest and the highest mutation rate, in [0, 1]."""
 PhaseRates = Annotated[dict[Phase, Rates], AfterValidator(_complete)]
 

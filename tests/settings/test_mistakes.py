@@ -166,7 +166,7 @@ ONE_LINE = [
     (["world.obstacles.radius=[4,2]"],
      "world.obstacles.radius: expected at most 2 (the second number), found 4"),
     (["search=paper", "allocation.tournament_children=[25,18]"],
-     "allocation.tournament_children: expected 0 <= least <= most, found [25, 18]"),
+     "allocation.tournament_children: expected the lower number first, found [25, 18]"),
     (["~classes.tiers.complete"],
      "classes.milestones: expected one of excellent, full_service, balanced_elite, found"
      " 'complete'"),

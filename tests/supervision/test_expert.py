@@ -286,7 +286,7 @@ def test_ranges_of_rates_are_checked() -> None:
     """For the expert's and for those in the prompts of a language model."""
     ranges = {**dict.fromkeys(Phase, (0.1, 0.2)), Phase.REFINEMENT: (0.3, 0.2)}
     check = TypeAdapter(PhaseRates).validate_python
-    with pytest.raises(ValueError, match="expected the lowest rate before the highest"):
+    with pytest.raises(ValueError, match="expected the lower number first"):
         check(ranges)
     del ranges[Phase.EXPLOITATION]
     ranges[Phase.REFINEMENT] = (0.2, 0.3)
