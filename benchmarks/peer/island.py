@@ -9,7 +9,7 @@ from pymunk import Vec2d
 
 from islandgp.domains.island.events import Award, IslandEvent, IslandEventLog
 from islandgp.domains.island.fields import ROCK
-from islandgp.domains.island.robot import next_leg
+from islandgp.domains.island.motion import next_leg
 from islandgp.domains.island.schedule import draw_schedule
 from islandgp.domains.island.space import build_space
 from islandgp.domains.island.world import ROCK_MARGIN, IslandWorld, Point

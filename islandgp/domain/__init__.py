@@ -43,7 +43,7 @@ from islandgp.domain.contract import png as png
 from islandgp.domain.contract import prepare as prepare
 from islandgp.domain.contract import total as total
 from islandgp.domain.contract import wants_scenes as wants_scenes
-from islandgp.domain.event_log import EventLog as EventLog
+from islandgp.domain.rewards import EventLog as EventLog
 from islandgp.domain.rewards import Reward as Reward
 from islandgp.domain.rewards import RewardTable as RewardTable
 from islandgp.domain.sensors import SensorFaults as SensorFaults

@@ -37,8 +37,7 @@ from islandgp.domain.checks import (
     no_ending,
 )
 from islandgp.domain.contract import Observer, Outcome, Schema, wants_scenes
-from islandgp.domain.event_log import EventLog
-from islandgp.domain.rewards import RewardTable
+from islandgp.domain.rewards import EventLog, RewardTable
 from islandgp.domain.sensors import SensorFaults
 from islandgp.leaves import Leaf, LeafRunner
 from islandgp.plugin import short_repr

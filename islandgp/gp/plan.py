@@ -11,8 +11,6 @@ from pydantic import (
     BaseModel,
     Field,
     FiniteFloat,
-    NonNegativeInt,
-    model_validator,
 )
 
 from islandgp.bt.core.node import Limits, Node
@@ -22,7 +20,6 @@ from islandgp.gp.population import Evaluated
 from islandgp.gp.random_trees import TreeSettings, TreeSpace
 from islandgp.gp.selection import SELECTIONS
 from islandgp.gp.variation import CROSSOVERS, MutationSettings
-from islandgp.plain import RISING
 from islandgp.plugin import function
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import Constraints
@@ -116,37 +113,6 @@ class GP(Declared, frozen=True, extra="forbid"):
     def limits(self) -> Limits:
         """The largest tree (section 2.2.3)."""
         return Limits(self.max_depth, self.max_nodes)
-
-
-class Allocation(BaseModel, frozen=True, extra="forbid"):
-    """Table 1. Counts are for `per` individuals and scale with the population."""
-
-    per: int = Field(ge=1)
-    elites: int = Field(ge=0)  # at most
-    behavioural_elites: int = Field(ge=0)  # at most
-    resurrected: int = Field(ge=0)  # at most
-    diversity: Annotated[tuple[Annotated[int, Field(ge=1)], int], RISING]  # least and most
-    tournament_children: Annotated[tuple[NonNegativeInt, int], RISING]
-    """Least and most; none: a random search."""
-    diversity_targets: tuple[
-        float, float
-    ]  # Eq. (3): from the first on, the fewest slots; below the second, the most
-    niche_share: float = Field(gt=0, le=1)  # a class gives at most this share of the parents
-
-    @model_validator(mode="after")
-    def _ranges(self) -> Allocation:
-        enough, low = self.diversity_targets
-        if not 0 <= low <= enough <= 1:
-            raise ValueError(
-                f"diversity_targets: expected 1 >= first >= second >= 0, found [{enough}, {low}]"
-            )
-        reserved = self.elites + self.behavioural_elites + self.resurrected + self.diversity[0]
-        if reserved + self.tournament_children[0] > self.per:
-            raise ValueError(
-                f"expected slots that fit into {self.per} individuals, found"
-                f" {reserved} and at least {self.tournament_children[0]} tournament children"
-            )
-        return self
 
 
 class Budget(BaseModel, frozen=True, extra="forbid"):

@@ -157,7 +157,10 @@ WRONG = [
     ({"world": {"charge_below": [30, 60]}}, "perturb.world.charge_below: expected a number among"),
     ({"world": {"robot": 3}}, "perturb.world.robot=3: input should be a valid tuple"),
     ({"world": {"start": [1, 2]}}, "perturb.world.start: expected a number among the world's"),
-    ({"world": {"robot.speed": [12, 8]}}, "perturb.world.robot.speed: expected the lower number first, found"),
+    (
+        {"world": {"robot.speed": [12, 8]}},
+        "perturb.world.robot.speed: expected the lower",
+    ),
     ({"world": {"robot.speed": [1, inf]}}, "perturb.world.robot.speed.1=inf: input should be a"),
     ({"world": {"robot.speed": [0, 1]}}, "perturb.world: with the least values: robot.speed: "),
     ({"world": {"garbage.initial": [1.5, 3]}}, "perturb.world.garbage.initial: expected whole"),

@@ -16,16 +16,16 @@ from pydantic import ValidationError
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import Node
 from islandgp.domain import Outcome
-from islandgp.gp.allocation import (
+from islandgp.gp.population import Advice, BehaviourBest, Evaluated, Individual, Origin, ranked
+from islandgp.gp.selection import pick_parent, tournament
+from islandgp.search.paper import (
+    Allocation,
+    Parents,
     diversity_slots,
     next_population,
     scaled,
     update_behaviour_archive,
 )
-from islandgp.gp.plan import Allocation
-from islandgp.gp.population import BehaviourBest, Evaluated, Individual, Origin, ranked
-from islandgp.gp.selection import pick_parent, tournament
-from islandgp.scoring.generation_stats import diversity
 from islandgp.seeding import Streams
 from tests.composed import composed, composed_plan
 from tests.profiles import examples
@@ -87,12 +87,10 @@ def built(
     return tuple(
         next_population(
             replace(plan, allocation=allocation or plan.allocation),
-            population,
-            streams=Streams(seed),
-            generation=5,
-            injected=injected,
-            archive=archive,
-            diversity=diversity([e.labels.specialist for e in population]),
+            Parents(tuple(population), dict(archive)),
+            Streams(seed),
+            5,
+            Advice(0.0, injected),
         )
     )
 

@@ -22,7 +22,7 @@ from islandgp.domains.island.events import (
 )
 from islandgp.domains.island.fields import HUMANOID, ITEM, STATION
 from islandgp.domains.island.memory import compiled, norm, table
-from islandgp.domains.island.robot import drive_to, result_holds_for, steps_to, wake_at
+from islandgp.domains.island.motion import drive_to, result_holds_for, steps_to, wake_at
 from islandgp.domains.island.sensing import log, nearby
 from islandgp.domains.island.world import FULL, MICRO
 

@@ -25,13 +25,15 @@ from islandgp.domains.island.chipmunk import steer
 from islandgp.domains.island.events import COLLISION, IDLE
 from islandgp.domains.island.fields import HUMANOID, ITEM, TURN
 from islandgp.domains.island.memory import compiled, norm, table
-from islandgp.domains.island.motion import move, straight_on, touches
-from islandgp.domains.island.robot import (
+from islandgp.domains.island.motion import (
     battery_due,
     choice_holds_for,
+    move,
     result_holds_for,
     spend,
     steps_to,
+    straight_on,
+    touches,
     turn_wheels,
     wake_at,
 )

@@ -15,7 +15,7 @@ import numpy as np
 from islandgp.domains.island.events import DISCOVERY, PATROL
 from islandgp.domains.island.fields import EVENT, HUMANOID, ITEM, STATION
 from islandgp.domains.island.memory import compiled, norm, table
-from islandgp.domains.island.robot import TOLERANCE, steps_to
+from islandgp.domains.island.motion import TOLERANCE, steps_to
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.domains.island.world import FAR, MICRO
 

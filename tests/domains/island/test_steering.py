@@ -9,7 +9,7 @@ import pytest
 
 from islandgp.bt.core.node import RUNNING
 from islandgp.domains.island.fields import ROCK
-from islandgp.domains.island.robot import next_leg, turn_wheels
+from islandgp.domains.island.motion import next_leg, turn_wheels
 from islandgp.domains.island.schedule import Circle, obstacles
 from islandgp.domains.island.state import State
 from islandgp.domains.island.world import IslandWorld
