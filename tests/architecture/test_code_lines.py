@@ -26,10 +26,10 @@ def area(width: float,
 
 def test_the_package_stays_small() -> None:
     """It may shrink; the aim of this version is 22,000 lines of code."""
-    assert sum(by_folder(PACKAGE).values()) <= 28_000
+    assert sum(by_folder(PACKAGE).values()) <= 27_850
 
 
 @pytest.mark.process
 def test_a_default_run_imports_a_part_of_the_package() -> None:
-    """At most 15,200 lines of code, as sweeps, studies and errors have modules of their own."""
-    assert 10_000 < of_a_default_run(PACKAGE) <= 15_200
+    """At most 15,150 lines of code, as sweeps, studies and errors have modules of their own."""
+    assert 10_000 < of_a_default_run(PACKAGE) <= 15_150
