@@ -140,6 +140,9 @@ WORLDS: Final[dict[str, World]] = {
         ("domain=minigrid", "budget.episodes=10000", "gp.population=60", "gp.episodes=2"),
         *(MINIGRID / "by_hand.bt", MINIGRID / "conf"),
     ),
+    "island_default": World(
+        ("domain=island",), ALL_ROUNDER, library=True, arms=("racing, expert", "compose")
+    ),
     "island_4000": World(("domain=island", "budget.episodes=4000"), ALL_ROUNDER, arms=("racing",)),
     "island_best": World(
         ("experiment=best",), ALL_ROUNDER, arms=("racing",), seeds=range(9660, 9670)
