@@ -25,6 +25,7 @@ from typing import Any, Final
 import numpy as np
 
 import islandgp
+from islandgp.scoring.classes import tiers
 from islandgp.statistics import (
     Interval,
     benjamini_hochberg,
@@ -168,10 +169,13 @@ def measured(name: str, arm: str, seed: int) -> dict[str, Any]:
     experiment = islandgp.compose(*overrides, config_dir=world.config_dir)
     outcomes = experiment.evaluate(str(row["tree"]), UNSEEN)
     counters = {key: fmean(o.counters[key] for o in outcomes) for key in outcomes[0].counters}
+    classes = experiment.plan.classes
+    reached = [tiers(o, classes) for o in outcomes]
     curve = curve_of(results.path / str(row["run"]), experiment) if arm in CURVES else None
     return {
         "score": fmean(o.fitness for o in outcomes),
         "counters": counters,
+        "tiers": {tier: fmean(tier in found for found in reached) for tier in classes.tiers},
         **({"curve": curve} if curve else {}),
         "tree": row["tree"],
         "seconds": row["seconds"],
