@@ -8,6 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from shutil import copymode
 from tempfile import TemporaryFile
+from typing import Final
 
 from islandgp.errors import RunError, TreeError, brief
 from islandgp.plain import DECODE_ERRORS
@@ -57,23 +58,26 @@ def remove_leftovers(folder: Path, pattern: str = "*") -> None:
         file.unlink(missing_ok=True)
 
 
+OF_A_RUN: Final = "delete the run's folder or use resume=never"
+"""What to do about a damaged file of a run."""
+
+
 @contextmanager
-def reading(description: str, file: Path) -> Iterator[None]:
+def reading(description: str, file: Path, remedy: str = OF_A_RUN) -> Iterator[None]:
     """Context in which errors of reading a file become RunError.
 
     Args:
         description: the expected content, for the message.
         file: the file.
+        remedy: for the message.
     """
     try:
         yield
     except (*DECODE_ERRORS, TreeError) as error:
-        raise damaged(description, file, brief(error)) from error
+        raise damaged(description, file, brief(error), remedy) from error
 
 
-def damaged(description: str, file: Path, reason: str) -> RunError:
+def damaged(description: str, file: Path, reason: str, remedy: str = OF_A_RUN) -> RunError:
     """The error for a damaged file with the expected content `description`."""
-    return RunError(
-        f"Expected {description} in {file}, found a damaged file ({reason});"
-        " delete the run's folder or use resume=never."
-    )
+    found = f"found a damaged file ({reason})"
+    return RunError(f"Expected {description} in {file}, {found}; {remedy}.")

@@ -37,9 +37,9 @@ from islandgp.bt.core.node import (
 from islandgp.bt.core.parameters import referenced
 from islandgp.bt.core.source import Source, closest, plain
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Key, Vocabulary
-from islandgp.domain_files import class_vocabulary, domain_files
 from islandgp.errors import DomainError, OtherDomainError
-from islandgp.leaves import Leaf, LeafRunner, arguments_of, is_flag, is_number
+from islandgp.installed import class_vocabulary, domain_files
+from islandgp.leaves import Leaf, LeafRunner, arguments_of, is_number, number_of
 from islandgp.plugin import defined_in, short_repr
 from islandgp.text_files import read_text_file
 
@@ -335,14 +335,4 @@ def _value(source: object, name: str, key: Key | None) -> float:
     """The present value of a key. Raises DomainError for a value that the key cannot have."""
     entry = _entry(source, name)
     value = entry() if callable(entry) else entry
-    expected = "a finite number, True or False"
-    if key is not None and key.words:
-        expected = key.kind
-        value = key.indexed(value)
-        value = value if value in range(len(key.words)) else repr(value)
-    if not is_number(value) and not is_flag(value):
-        raise DomainError(
-            f"Expected {expected} as the value of the key {name}, found"
-            f" {short_repr(value)}{defined_in(entry)}."
-        )
-    return float(value)
+    return number_of(value, key, f"the value of the key {name}", entry)

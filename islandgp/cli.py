@@ -11,11 +11,10 @@ from typing import Final
 
 import click
 
-from islandgp.errors import IslandError, in_the_way
-from islandgp.gate import cleaned
+from islandgp.errors import IslandError
 from islandgp.installed import COMMANDS as ADDED
 from islandgp.installed import added, load_command, summary
-from islandgp.running.console import as_ctrl_c, checked_stdout, tolerant_stderr
+from islandgp.running.console import as_ctrl_c, exit_code
 
 COMMANDS: Final = {
     "run": ("evolve trees: the same as python -m islandgp", "experiment=smoke"),
@@ -151,8 +150,17 @@ def islandgp() -> None:
 
 def main() -> None:
     """The console script: exit code 2 with one message for a user's error, 130 for Ctrl-C."""
-    with tolerant_stderr():
-        _main()
+    import_from_here()
+    sys.exit(exit_code(_main))
+
+
+def _main() -> int:
+    try:
+        return islandgp.main(prog_name="islandgp", standalone_mode=False) or 0
+    except click.ClickException as error:
+        raise IslandError(one_line(error)) from None
+    except click.Abort:
+        raise KeyboardInterrupt from None
 
 
 def one_line(error: click.ClickException) -> str:
@@ -162,7 +170,8 @@ def one_line(error: click.ClickException) -> str:
     text = " ".join(error.format_message().split()).rstrip(".")
     if path == "islandgp" and isinstance(error, click.NoSuchOption):
         text += f"; settings are written as islandgp run {error.option_name.lstrip('-')}=VALUE"
-    line = f"{path.replace(' ', ': ')}: {text[:1].lower()}{text[1:400]}"
+    name = path.partition(" ")[2].replace(" ", ": ")
+    line = f"{name}{': ' * bool(name)}{text[:1].lower()}{text[1:400]}"
     return f"{line}; `{path} -h` shows what it takes"
 
 
@@ -176,23 +185,3 @@ def import_from_here() -> None:
         folder = str(Path.cwd())
         if not sys.flags.safe_path and sys.path[0] not in ("", folder):
             sys.path.insert(0, folder)
-
-
-def _main() -> None:
-    import_from_here()
-    code, message = 2, ""
-    try:
-        with checked_stdout():
-            sys.exit(islandgp.main(prog_name="islandgp", standalone_mode=False) or 0)
-    except IslandError as error:
-        message = f"islandgp: {error}"
-    except click.ClickException as error:
-        message = one_line(error)
-    except click.Abort:
-        code, message = 130, "islandgp: stopped"
-    except (ImportError, AttributeError):
-        if not (reason := in_the_way(Path.cwd())):
-            raise
-        message = f"islandgp: {reason}"
-    print(cleaned(message), file=sys.stderr)
-    sys.exit(code)

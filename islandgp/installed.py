@@ -1,4 +1,4 @@
-"""Commands and folders of configuration that installed distributions add, by entry points.
+"""Commands, folders of configuration and domains that are installed, by entry points.
 
 Looking them up runs no code of a distribution: a command is imported when it is used, and a folder
 is found by the name of its package.
@@ -8,13 +8,17 @@ from __future__ import annotations
 
 import sys
 from functools import cache
+from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, Final
+from typing import TYPE_CHECKING, Any, Final
 
 from islandgp.errors import IslandError
 from islandgp.resources import resource
+
+if TYPE_CHECKING:
+    from islandgp.bt.core.vocabulary import Vocabulary
 
 COMMANDS: Final = "islandgp.commands"
 """The group of commands: `NAME = "MODULE:COMMAND"`, a command of Click."""
@@ -107,3 +111,38 @@ def _folder(package: str) -> Path | None:
 
 def _uninstall(entry: EntryPoint) -> str:
     return f"`pip uninstall {owner(entry).split()[0]}` removes it"
+
+
+def domain_files(config_dir: str | None = None) -> dict[str, Path]:
+    """The configuration files of domains, by name.
+
+    `config_dir` is the user's folder of configuration; of two files with the same name, the result
+    has the one that Hydra uses.
+    """
+    folders = [*([Path(config_dir)] if config_dir else []), *conf_folders(), resource("conf")]
+    return {file.stem: file for folder in folders for file in folder.glob("domain/*.yaml")}
+
+
+def class_vocabulary(domain: str, config_dir: str | None = None) -> Vocabulary:
+    """The vocabulary of a domain's class, without composing a configuration.
+
+    Raises:
+        KeyError: there is no such domain.
+        AttributeError: its schema depends on settings.
+    """
+    vocabulary: Vocabulary = domain_class(domain, config_dir).schema.vocabulary
+    return vocabulary
+
+
+def domain_class(domain: str, config_dir: str | None = None) -> Any:
+    """The class of a domain. Raises KeyError if there is no such domain."""
+    module, _, attribute = _factory(domain, config_dir).partition(":")
+    return getattr(import_module(module), attribute)
+
+
+def _factory(domain: str, config_dir: str | None = None) -> str:
+    """The path of a domain's class, "module:Class"."""
+    import yaml
+
+    config = yaml.safe_load(domain_files(config_dir)[domain].read_text(encoding="utf-8"))
+    return str(config.get("domain", config)["factory"])

@@ -18,7 +18,7 @@ from typing import Any, Final, TypeAlias
 
 from islandgp.bt.core.node import RUNNING, SUCCESS, ActionArgs
 from islandgp.bt.core.parameters import bound, referenced
-from islandgp.bt.core.vocabulary import Vocabulary
+from islandgp.bt.core.vocabulary import Key, Vocabulary
 from islandgp.errors import DomainError
 from islandgp.plugin import defined_in, short_repr
 
@@ -127,16 +127,32 @@ class LeafRunner:
                     f"Expected results of {self._name} among its `sets`"
                     f" ({', '.join(sets) or 'none'}), found {key!r}."
                 )
-            declared = self._vocabulary.keys[key]
-            number, words = declared.indexed(value), declared.words
-            if not is_number(number) or (words and number not in range(len(words))):
-                expected = declared.kind if words else "a finite number, True or False"
-                raise DomainError(
-                    f"Expected {expected} as the result {key} of {self._name}, found"
-                    f" {short_repr(value)}."
-                )
+            subject = f"the result {key} of {self._name}"
+            number = number_of(value, self._vocabulary.keys[key], subject)
             if key in self._places:
-                self._board[self._places[key]] = float(number)
+                self._board[self._places[key]] = number
+
+
+def number_of(value: object, key: Key | None, subject: str, source: object = None) -> float:
+    """The value of a key as a number.
+
+    Args:
+        value: a number, True, False, or one of the key's words.
+        key: the declared one; None: any number fits.
+        subject: what it is, for a message.
+        source: the user's function that returned it, for a message.
+
+    Raises:
+        DomainError: the key cannot have this value.
+    """
+    words = () if key is None else key.words
+    number: Any = value if key is None else key.indexed(value)
+    if (is_number(number) or is_flag(number)) and (not words or number in range(len(words))):
+        return float(number)
+    expected = "a finite number, True or False" if key is None or not words else key.kind
+    raise DomainError(
+        f"Expected {expected} as {subject}, found {short_repr(value)}{defined_in(source)}."
+    )
 
 
 def status_of(result: object, name: str, leaf: object, *, condition: bool = False) -> int:

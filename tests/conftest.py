@@ -13,7 +13,7 @@ import pytest
 
 from islandgp.gate import set_user_folder
 from islandgp.tracking.mlflow import sender
-from islandgp.viewer import page_file
+from islandgp.viewer import run_page as page_file
 from tests import caches, profiles  # noqa: F401 (it registers the profiles)
 
 hypothesis.settings.load_profile("quick")

@@ -13,7 +13,7 @@ import click
 from islandgp.commands.files import FOLDER, OUTPUT, STDIN, check_place, unusable, write_text
 from islandgp.commands.options import grouped, with_config_dir_option, with_workers_option
 from islandgp.commands.tables import Column, print_table, standard_output
-from islandgp.compare.best_trees import best_trees, finished_runs, shortened_trees
+from islandgp.compare.champions import best_trees, finished_runs, shortened_trees
 from islandgp.compare.report import CompareOptions, build, select_study, write
 from islandgp.errors import RunError
 from islandgp.evaluation.processes import Processes, cores

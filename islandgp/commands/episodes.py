@@ -17,7 +17,6 @@ from islandgp.bt.analysis.names import with_names
 from islandgp.bt.core.language import domain_of
 from islandgp.bt.core.node import names_in, size
 from islandgp.bt.core.printer import with_subtrees
-from islandgp.commands.evaluating import recorded, tree_trials
 from islandgp.commands.files import (
     FILE,
     OUTPUT,
@@ -33,13 +32,14 @@ from islandgp.commands.options import (
     with_episode_options,
     with_output_option,
 )
+from islandgp.commands.setting import recorded, tree_trials
 from islandgp.commands.tables import Column, numbers, print_table, standard_output, with_ends
 from islandgp.domain import Outcome, Schema
 from islandgp.evolution.prune import LEAST_EPISODES, Keep, PruneResult, prune
 from islandgp.evolution.validation import fresh_worlds
 from islandgp.plain import nan_to_none
 from islandgp.records.folder import RunFolder
-from islandgp.records.sentences import in_lines
+from islandgp.records.values import in_lines
 from islandgp.scoring.classes import specialist, tiers
 from islandgp.scoring.constraints import feasible_share, in_words
 from islandgp.scoring.explain import explained, usage, with_counts, with_losses

@@ -99,7 +99,7 @@ def watch_command(run: Path, open_browser: bool | None) -> None:
 
 def _write(folder: RunFolder) -> tuple[Status, float]:
     """Write the run's page; return the run's status and the seconds. Raises RunError."""
-    from islandgp.viewer.page_file import write_page
+    from islandgp.viewer.run_page import write_page
 
     status, began = folder.status(), monotonic()
     if status is Status.FINISHED:

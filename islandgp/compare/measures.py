@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any, Final
 from islandgp.compare.arms import Arm, Run
 from islandgp.errors import RunError
 from islandgp.gp.population import Origin
+from islandgp.records.files import dump
 from islandgp.records.folder import RunFolder
-from islandgp.records.lines import dump
 from islandgp.records.values import generation_values, run_values
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import recorded_constraints

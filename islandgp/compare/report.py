@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from base64 import b64encode
 from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from math import isnan
@@ -17,11 +16,13 @@ from islandgp.compare.findings import DEFAULT_PLAN, AnalysisPlan, Row
 from islandgp.compare.measures import COSTS, MEAN_MAX, POINTS, Measure, training_measures
 from islandgp.records.parameters import short_key
 from islandgp.statistics import LEVEL, UNTESTED, detectable_shift, least_p
+from islandgp.viewer.page import filled
 
 if TYPE_CHECKING:
     from pandas import DataFrame  # type: ignore[import-untyped] # its stubs are a package apart
 
 LINES: Final = 3  # results in the terminal
+TEMPLATES: Final = Path(__file__).parent / "templates"
 FEW: Final = 4  # most arms, doubts and notes there
 
 
@@ -157,7 +158,7 @@ class Report:
             **{f"tables/{_file_name(key)}.csv": table for key, table in self.tables.items()},
         }
         return {
-            "index.html": to_page(self),
+            "index.html": filled("page.html", folder=TEMPLATES, report=self, study=self.study),
             **{name: frame.to_csv(index=False) for name, frame in frames.items()},
             **{f"figures/{key}.svg": svg for key, svg in self.figures.items()},
         }
@@ -262,23 +263,3 @@ def write(report: Report, folder: Path) -> list[Path]:
         path.parent.mkdir(parents=True, exist_ok=True)
         path.write_text(content, encoding="utf-8")
     return [*paths]
-
-
-def to_page(report: Report) -> str:
-    """The report as an HTML page with embedded SVG figures."""
-    from jinja2 import Environment, FileSystemLoader, StrictUndefined
-
-    environment = Environment(
-        loader=FileSystemLoader(Path(__file__).parent / "templates"),
-        autoescape=True,
-        undefined=StrictUndefined,
-        keep_trailing_newline=True,
-    )
-    environment.filters["unbroken"] = _unbroken
-    environment.filters["base64"] = lambda text: b64encode(text.encode()).decode()
-    return environment.get_template("page.html").render(report=report, study=report.study)
-
-
-def _unbroken(text: object) -> str:
-    """A cell in which numbers are not broken at line ends."""
-    return re.sub(r" (±|%|:) ?", lambda m: m[0].replace(" ", "\N{NO-BREAK SPACE}"), str(text))

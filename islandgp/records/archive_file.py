@@ -9,10 +9,11 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
-from islandgp.errors import RunError, brief
+from islandgp.atomic_files import reading
+from islandgp.errors import RunError
 from islandgp.gate import check_folder, read_bytes
 from islandgp.gp.archive import Elite
-from islandgp.plain import DECODE_ERRORS, from_json, read_json, without_controls
+from islandgp.plain import from_json, read_json, without_controls
 from islandgp.records.manifest import must_be_as_written
 
 NAME: Final = "archive.json"
@@ -64,7 +65,7 @@ def read_archive(path: Path) -> tuple[ArchiveFile, str]:
             f"Expected the archive of a finished run in {file}, found: {error.strerror or error};"
             f" give the folder of a run that has ended, or its {NAME}."
         ) from error
-    try:
+    with reading("an archive", file, "give the archive of another run"):
         archive = from_json(ArchiveFile, read_json(without_controls(data)))
         sizes = [len(edges) for edges in archive.cells.values()]
         for e in archive.elites:
@@ -72,8 +73,3 @@ def read_archive(path: Path) -> tuple[ArchiveFile, str]:
             if len(e.cell) != len(sizes) or not all(in_grid):
                 raise ValueError(f"the elite {e.id} is in no cell of its grid")
         return archive, hashlib.sha256(data).hexdigest()[:12]
-    except DECODE_ERRORS as error:
-        raise RunError(
-            f"Expected an archive in {file}, found a damaged file ({brief(error)}); give the"
-            " archive of another run."
-        ) from error

@@ -17,7 +17,7 @@ from islandgp.errors import RunError
 from islandgp.gate import opened, read_bytes
 from islandgp.gp.record import RunState
 from islandgp.plain import from_json, from_plain, read_json, to_json
-from islandgp.records.lines import Lines, dump
+from islandgp.records.files import Lines, dump
 from islandgp.scoring.generation_stats import GenerationStats
 
 

@@ -1,4 +1,4 @@
-"""The figures of a run and of its generations: one table and one name for all readers.
+"""The figures of a run and of its generations, and sentences on them: one name for all readers.
 
 The name is the key in the records, the column in data frames and the metric in MLflow, where the
 first dot is a slash, as MLflow groups charts by it. `columns.yaml` describes them.
@@ -7,11 +7,12 @@ first dot is a slash, as MLflow groups charts by it. `columns.yaml` describes th
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from operator import itemgetter
 from typing import Any, Final
 
 from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, merit, violation
+from islandgp.text import in_points, title
 
 
 def validation_mean(summary: Mapping[str, Any]) -> float | None:
@@ -167,3 +168,72 @@ def fallback_words(summaries: Iterable[Mapping[str, Any]]) -> str:
         return ""
     part = f", {counts['in_part']:,} of them in part" if counts["in_part"] else ""
     return f"{counts['fallback']:,} of {counts['total']:,}{part}"
+
+
+def measured(v: Mapping[str, Any], sign: str = "") -> str:
+    """Mean points with their 95 % interval, or the reason why there is none."""
+    low, high = v["low"], v["high"]
+    if low is None or high is None:
+        return f"{in_points(v['mean'], sign)} points (no interval: one world)"
+    ends = f"{in_points(low, sign)} to {in_points(high, sign)}"
+    return f"{in_points(v['mean'], sign)} points (95 %: {ends})"
+
+
+def best_robot(champion: Mapping[str, Any]) -> str:
+    """The best robot's result in unseen worlds, and its differences to other trees there."""
+    v = champion["validation"]
+    if v is None:
+        return f"{_name(champion)}, not validated in other worlds"
+    n = len(v["worlds"])
+    return f"{_name(champion)}: {measured(v)} in {n} unseen world{'s' * (n != 1)}"
+
+
+def best_robot_in_a_sentence(champion: Mapping[str, Any]) -> str:
+    """The best robot's result in unseen worlds with all comparisons, as one sentence."""
+    v = champion["validation"]
+    others = (
+        [f"{measured(other, '+')} against the {other['name']}" for other in v["comparisons"]]
+        if v
+        else []
+    )
+    return ", ".join((best_robot(champion), *others)) + "."
+
+
+def comparisons(champion: Mapping[str, Any]) -> Iterator[str]:
+    """One sentence for each tree with which the best robot is compared in these worlds."""
+    for other in (champion["validation"] or {}).get("comparisons", ()):
+        yield f"Against the {other['name']} in the same worlds: {measured(other, '+')}"
+
+
+def reached(champion: Mapping[str, Any]) -> Iterator[str]:
+    """A sentence on the tiers of the best robot in unseen worlds, if there are any."""
+    shares = (champion["validation"] or {}).get("reached", {})
+    if texts := [f"{title(tier)} in {share:.0%}" for tier, share in shares.items() if share]:
+        yield f"In these worlds it is {', '.join(texts)}"
+
+
+def constrained(summary: Mapping[str, Any]) -> Iterator[str]:
+    """A sentence on the feasibility of the best robot; none without constraints."""
+    v = summary["champion"]["validation"]
+    if "constraints" not in summary:
+        return
+    limits = summary["constraints"]
+    if v is None or v.get("feasible") is None:
+        yield f"Constraints ({limits}): not tried in other worlds"
+        return
+    result = "kept" if not v["violation"] else f"broken (violation {v['violation']:.3g})"
+    yield f"Constraints ({limits}): {result} on average, and in {v['feasible']:.0%} of these worlds"
+
+
+def _name(champion: Mapping[str, Any]) -> str:
+    """The best robot, with the numbers of nodes before and after the shortening, if any."""
+    before = champion["record"]["nodes"]
+    after = [tree["nodes"] for tree in champion["front"] if tree["chosen"]]
+    short = f", shortened from {before} to {after[0]} nodes" if after and after[0] < before else ""
+    return f"Best robot: individual {champion['record']['id']}{short}"
+
+
+def in_lines(learned: Sequence[str]) -> Iterator[str]:
+    """What a search has found out about the actions, under a heading."""
+    yield "Learned from the episodes:"
+    yield from (f"  {sentence}" for sentence in learned)

@@ -8,7 +8,6 @@ from __future__ import annotations
 import argparse
 import os
 import sys
-import traceback
 from collections.abc import Sequence
 from importlib.metadata import version
 from pathlib import Path
@@ -18,17 +17,15 @@ import hydra
 from hydra._internal.utils import get_args_parser
 from hydra.errors import HydraException
 
-from islandgp.config.compose import planned
+from islandgp.config.compose import command_line, planned
 from islandgp.config.errors import USER_ERRORS, explain, parsed
-from islandgp.config.naming import command_line
 from islandgp.config.reads import must_be_read
 from islandgp.config.sources import ConfigSource
-from islandgp.errors import ConfigError, IslandError, PartError
-from islandgp.gate import cleaned
+from islandgp.errors import ConfigError
 from islandgp.records.folder import RunFolder
-from islandgp.records.parameters import redacted, without_credentials
+from islandgp.records.parameters import redacted
 from islandgp.resources import resource
-from islandgp.running.console import as_ctrl_c, checked_stdout, echo, shortage, tolerant_stderr
+from islandgp.running.console import as_ctrl_c, echo, exit_code
 from islandgp.running.parts import check_parts
 from islandgp.running.report import MOSTLY_FALLBACK
 from islandgp.running.resume import choose
@@ -43,38 +40,21 @@ def main(arguments: Sequence[str] | None = None) -> int:
         runs are finished, but in one the language model's fallback gave more of the answers than
         allowed; 130: stopped by Ctrl-C, SIGTERM or SIGHUP.
     """
-    with tolerant_stderr():
-        return _main(sys.argv[1:] if arguments is None else arguments)
+    words = sys.argv[1:] if arguments is None else arguments
+    return exit_code(lambda: _main(words), "stopped; the same command continues the run")
 
 
 def _main(arguments: Sequence[str]) -> int:
-    try:
-        if "--version" in arguments:
-            echo(f"islandgp, version {version('islandgp')}; Hydra {version('hydra-core')}")
+    if "--version" in arguments:
+        echo(f"islandgp, version {version('islandgp')}; Hydra {version('hydra-core')}")
+        return 0
+    args, argv = parsed_argv(arguments)
+    with as_ctrl_c("SIGTERM", "SIGHUP"):  # of a cluster, and of a terminal that closes
+        home = _working_folder()
+        if args.help or args.hydra_help or args.info or args.cfg or args.shell_completion:
+            _show(args, argv)
             return 0
-        args, argv = parsed_argv(arguments)
-        # Clusters send SIGTERM, a terminal that closes SIGHUP.
-        with checked_stdout(), as_ctrl_c("SIGTERM", "SIGHUP"):
-            home = _working_folder()
-            if args.help or args.hydra_help or args.info or args.cfg or args.shell_completion:
-                _show(args, argv)
-                return 0
-            return _run_all(args, argv, home)
-    except IslandError as error:
-        if isinstance(error, PartError):
-            traceback.print_exception(error.__cause__)
-        print(cleaned(f"islandgp: {without_credentials(str(error))}"), file=sys.stderr)
-        return 2
-    except KeyboardInterrupt:
-        print("islandgp: stopped; the same command continues the run", file=sys.stderr)
-        return 130
-    except Exception as error:
-        if reason := shortage(error):
-            print(f"islandgp: {reason}", file=sys.stderr)
-            return 2
-        traceback.print_exc()
-        print("islandgp: this is a bug in islandgp; the run's records are kept", file=sys.stderr)
-        return 1
+        return _run_all(args, argv, home)
 
 
 def _working_folder() -> Path:

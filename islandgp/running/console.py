@@ -12,13 +12,16 @@ import os
 import signal
 import sys
 import threading
-from collections.abc import Iterator
+import traceback
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import FrameType
 from typing import Any, Final, TextIO
 
-from islandgp.errors import IslandError
+from islandgp.errors import IslandError, PartError, in_the_way
+from islandgp.gate import cleaned
+from islandgp.records.parameters import without_credentials
 from islandgp.startup import stop_at_once
 
 FULL: Final = frozenset({errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO})
@@ -82,17 +85,17 @@ class Display:
 
     def write(self, text: str) -> int:
         """Write text, or drop it if the stream is broken; returns len(text)."""
-        try:
-            return self._stream.write(text)
-        except (OSError, ValueError):  # ValueError: it is closed
-            _drop(self._stream)
-            return len(text)
+        self._try(self._stream.write, text)
+        return len(text)
 
     def flush(self) -> None:
         """Flush the stream, or drop the text if it is broken."""
+        self._try(self._stream.flush)
+
+    def _try(self, action: Callable[..., object], *arguments: str) -> None:
         try:
-            self._stream.flush()
-        except (OSError, ValueError):
+            action(*arguments)
+        except (OSError, ValueError):  # ValueError: it is closed
             _drop(self._stream)
 
     def __getattr__(self, name: str) -> Any:
@@ -166,6 +169,37 @@ def as_ctrl_c(*names: str) -> Iterator[None]:
         sys.unraisablehook = old_hook
         for number, handler in old.items():
             signal.signal(number, handler)
+
+
+def exit_code(work: Callable[[], int], stopped: str = "stopped") -> int:
+    """The result of a command's work, or the code of its error, which is printed.
+
+    Args:
+        work: of the command.
+        stopped: what is said after Ctrl-C.
+
+    Returns:
+        1: a bug; 2: an error of the user; 130: Ctrl-C; else what `work` returns.
+    """
+    with tolerant_stderr():
+        try:
+            with checked_stdout():
+                return work()
+        except IslandError as error:
+            if isinstance(error, PartError):
+                traceback.print_exception(error.__cause__)
+            code, message = 2, without_credentials(str(error))
+        except KeyboardInterrupt:
+            code, message = 130, stopped
+        except Exception as error:
+            code, message = 2, shortage(error)
+            if not message and isinstance(error, ImportError | AttributeError):
+                message = in_the_way(Path.cwd())
+            if not message:
+                traceback.print_exc()
+                code, message = 1, "this is a bug in islandgp; the records of runs are kept"
+        print(cleaned(f"islandgp: {message}"), file=sys.stderr)
+        return code
 
 
 def shortage(error: BaseException) -> str:

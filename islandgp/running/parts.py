@@ -1,25 +1,111 @@
-"""The parts of a run, made from its settings."""
+"""The parts of a run, made from its settings, and the trees that open its population."""
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Final
 
-from islandgp.bt.core.node import Node, within
+from islandgp.bt.analysis.conflicts import conflict_in_words
+from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.node import Limits, Node, within
+from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.config.reads import keys_read
 from islandgp.config.settings import Settings
 from islandgp.domain import Domain
+from islandgp.errors import ConfigError, TreeError, brief
 from islandgp.evaluation.base import Cached, Evaluator
 from islandgp.gp.plan import RUN_READS, Plan, declared, is_read, must_be_declared
 from islandgp.plugin import path_of, plugin_errors
+from islandgp.records.archive_file import best_first, read_archive
 from islandgp.search.base import Search, SearchContext
 from islandgp.supervision.base import RunContext, Supervisor
 from islandgp.supervision.library import Library, library_folder, read_library
+from islandgp.text_files import read_text_file
 
 if TYPE_CHECKING:
     from islandgp.supervision.llm.estimate import SupervisedRuns
+
+TREE_FILE: Final = ".bt"
+
+
+def start_trees(
+    start: str,
+    vocabulary: Vocabulary,
+    limits: Limits,
+    most: int,
+    warn: Callable[[str], None] = lambda _: None,
+) -> tuple[Node, ...]:
+    """Read the tree of a file, or the best usable trees of an archive.
+
+    Args:
+        start: a file of a tree, a run's folder, or its archive.json.
+        vocabulary: of this run's domain.
+        limits: of this run's trees.
+        most: maximum number of trees, >= 1.
+        warn: called with one line if trees are left out.
+
+    Returns:
+        The trees, best first, at most `most`; unusable ones are left out.
+
+    Raises:
+        ConfigError: the archive is of another domain, or no tree is usable.
+        RunError: there is no archive, or it is damaged.
+        TreeError: the file is not a tree of the vocabulary.
+        IslandError: the file cannot be read.
+    """
+    trees: list[Node] = []
+    reasons: list[str] = []
+
+    def add(tree: Node) -> None:
+        conflict = conflict_in_words(tree, vocabulary)
+        if not within(tree, limits):
+            reasons.append("it exceeds gp.max_depth or gp.max_nodes")
+        elif conflict:
+            reasons.append(conflict)
+        else:
+            trees.append(tree)
+
+    if start.endswith(TREE_FILE):
+        add(_tree_of(start, vocabulary))
+    else:
+        archive, _ = read_archive(Path(start))
+        if archive.domain != vocabulary.domain:
+            raise ConfigError(
+                f"start={start}: expected an archive of the domain {vocabulary.domain}, found one"
+                f" of {archive.domain}; give a run of this domain, in any world."
+            )
+        for elite in best_first(archive.elites):
+            try:
+                if len(trees) < most:
+                    add(parse(elite.tree, vocabulary, name=f"{start}, elite {elite.id}"))
+            except TreeError as error:
+                reasons.append(brief(error))
+    if not trees:
+        raise ConfigError(
+            f"start={start}: expected trees that this run can use, found none"
+            f" ({(reasons or ['it has none'])[0]}); give another run or file, or raise the limits."
+        )
+    if reasons:
+        warn(
+            f"start={start}: {len(reasons)} of {len(reasons) + len(trees)} trees are left out, the"
+            f" first because {reasons[0]}"
+        )
+    return tuple(trees)
+
+
+def start_digest(start: str) -> str:
+    """A digest of the content of `start`. Raises as `start_trees`."""
+    if start.endswith(TREE_FILE):
+        return hashlib.sha256(to_text(_tree_of(start)).encode()).hexdigest()[:12]
+    return read_archive(Path(start))[1]
+
+
+def _tree_of(start: str, vocabulary: Vocabulary | None = None) -> Node:
+    path = Path(start)
+    return parse(read_text_file(path), vocabulary, name=start, folder=path.parent, marked=True)
 
 
 @dataclass(slots=True)
@@ -108,8 +194,6 @@ def plan_of(
     """
     plan = settings.plan(domain)
     if settings.start is not None:
-        from islandgp.running.start import start_trees  # only with `start`
-
         limits, most = plan.gp.limits, plan.gp.population
         trees = start_trees(settings.start, plan.vocabulary, limits, most, warn)
         return replace(plan, founders=trees)

@@ -67,7 +67,7 @@ def _start_digest(settings: Settings, *, finished: bool = False) -> str:
     """
     if settings.start is None:
         return ""
-    from islandgp.running.start import start_digest  # only with `start`
+    from islandgp.running.parts import start_digest  # only with `start`
 
     with suppress(*[IslandError] * finished):
         return start_digest(settings.start)

@@ -33,9 +33,15 @@ from islandgp.running.parts import (
     make_supervisor,
     plan_of,
 )
-from islandgp.running.progress import Progress
 from islandgp.running.proposals import proposals
-from islandgp.running.report import RunTotals, is_mostly_fallback, report, summary, totals_of
+from islandgp.running.report import (
+    Progress,
+    RunTotals,
+    is_mostly_fallback,
+    report,
+    summary,
+    totals_of,
+)
 from islandgp.running.resume import about_run, choose
 from islandgp.supervision.base import (
     GenerationListener,
@@ -44,7 +50,7 @@ from islandgp.supervision.base import (
 )
 from islandgp.tracking.base import Tracker
 from islandgp.viewer.history import RunCurves
-from islandgp.viewer.page_file import write_page
+from islandgp.viewer.run_page import write_page
 
 _DUMPER: Final = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
 """The dumper of the C library, unless PyYAML was built without it; it is four times as fast."""

@@ -25,16 +25,21 @@ from islandgp.bt.core.language import parse
 from islandgp.bt.export.render import to_svg
 from islandgp.errors import RunError, TrackingError
 from islandgp.gate import check_folder, read_text
-from islandgp.records.arms import arm_table, sweep_note
 from islandgp.records.files import LONG, PAGE, RunMetadata
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import flat
-from islandgp.records.sentences import best_robot_in_a_sentence, constrained, reached
-from islandgp.records.sweep import SweepFile, SweepFolder, arm_of
-from islandgp.records.values import generation_values, metric_values, run_values
+from islandgp.records.sweep import SweepFile, SweepFolder, arm_of, arm_table, sweep_note
+from islandgp.records.values import (
+    best_robot_in_a_sentence,
+    constrained,
+    generation_values,
+    metric_values,
+    reached,
+    run_values,
+)
 from islandgp.scoring.constraints import recorded_constraints
 from islandgp.tracking.store import ARM, LOCK, SENT, Store, points, run_key
-from islandgp.viewer.page_file import write_page
+from islandgp.viewer.run_page import write_page
 
 if TYPE_CHECKING:
     from mlflow.entities import Metric

@@ -7,6 +7,8 @@ tree and the data of the episode.
 from __future__ import annotations
 
 import json
+import re
+from base64 import b64encode
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, Final
@@ -49,20 +51,23 @@ def script_data(value: Any) -> str:
     return data.replace("</", "<\\/").replace("<!--", "<\\u0021--")
 
 
-def filled(name: str, **values: Any) -> str:
-    """A template in the folder `page`, filled with values, which are escaped."""
+def filled(name: str, *, folder: Path = _PARTS, **values: Any) -> str:
+    """A template in a folder, filled with values, which are escaped."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     environment = Environment(
-        loader=FileSystemLoader(_PARTS), autoescape=True, undefined=StrictUndefined
+        loader=FileSystemLoader(folder), autoescape=True, undefined=StrictUndefined
     )
     environment.filters |= {
+        "base64": lambda text: b64encode(text.encode()).decode(),
         "file": lambda part: (_PARTS / part).read_text(encoding="utf-8"),
         "label": label,
         "loss": _loss,
         "meaning": lambda node: kind_of(node).meaning,
         "points": in_points,
-        "unbroken": lambda text: text.replace(" %", "\N{NO-BREAK SPACE}%"),
+        "unbroken": lambda text: re.sub(
+            r" (±|%|:) ?", lambda m: m[0].replace(" ", "\N{NO-BREAK SPACE}"), str(text)
+        ),
     }
     page = environment.get_template(name).render(values)
     return page.encode("utf-8", "replace").decode()  # lone surrogates, as in names of files

@@ -36,7 +36,7 @@ LAYERS: list[tuple[str, ...]] = [
         "statistics",
     ),
     ("bt.core",),
-    ("bt.analysis", "bt.export", "domain_files", "leaves"),
+    ("bt.analysis", "bt.export", "leaves"),
     ("domain", "binding"),
     ("scoring", "domains"),
     ("gp",),

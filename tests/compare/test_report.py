@@ -12,7 +12,7 @@ import pytest
 
 from islandgp.compare.comparable import Comparison, compare_arms
 from islandgp.compare.findings import parse_plan
-from islandgp.compare.report import Report, build, to_page, write
+from islandgp.compare.report import Report, build, write
 from islandgp.compare.tables import MINUS, NONE, unseen_table
 from islandgp.records.folder import RunFolder
 from tests.compare.fake_runs import (
@@ -171,14 +171,14 @@ def test_one_run_an_arm_is_reported_and_shows_nothing() -> None:
     report = build(compare_arms(arms))
     verdicts = report.tables["differences expert baseline"]["verdict"]
     assert not [v for v in verdicts if v.startswith(("higher", "lower"))]
-    assert "nan" not in to_page(report)
+    assert "nan" not in report.files["index.html"]
 
 
 @pytest.mark.usefixtures("blank")
 def test_a_forced_comparison_is_marked_on_top() -> None:
     """The differences are in the page before anything else, and on the screen."""
     report = build(_study("expert", "baseline", force=True))
-    page = to_page(report)
+    page = report.files["index.html"]
     assert page.index("world.side differs") < page.index("<section")
     assert report.screen(Path("x")).startswith("Not comparable: world.side differs")
 
@@ -200,7 +200,7 @@ def test_points_of_different_rewards_are_not_compared() -> None:
     assert "points" not in {*report.rows["unit"]}
     means = list(report.tables["arms"]["validation mean (points)"])
     assert means == ["500 ± 0 (own task)", "1,800 ± 0 (own task)"]
-    assert "different scales and are not compared" in " ".join(to_page(report).split())
+    assert "different scales and are not compared" in " ".join(report.files["index.html"].split())
     frame = pd.read_csv(StringIO(report.files["runs.csv"]))
     assert "mean_fitness_max" not in frame
     assert list(frame["task"]) == ["interaction.base=100"] * 2 + ["interaction.base=360"] * 2
@@ -255,6 +255,6 @@ def test_best_robots_beside_the_library() -> None:
 def test_the_page_breaks_no_markup() -> None:
     """Names of arms are texts, not tags."""
     arms = [fake_arm(f"<b>{n}", [fake_run("expert", 0, best=n)], f"gp.n={n}") for n in (1, 2)]
-    page = to_page(build(compare_arms(arms)))
+    page = build(compare_arms(arms)).files["index.html"]
     assert "<b>" not in page
     assert "&lt;b&gt;1 minus &lt;b&gt;2" in page

@@ -17,7 +17,7 @@ from hypothesis import strategies as st
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import within
 from islandgp.domains.island.vocabulary import VOCABULARY
-from islandgp.records.lines import dump
+from islandgp.records.files import dump
 from islandgp.resources import resource
 from islandgp.running.parts import make_supervisor, run_context
 from islandgp.scoring.state import PopulationState

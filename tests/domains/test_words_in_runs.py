@@ -18,7 +18,7 @@ from islandgp.gp.record import RunState, Step
 from islandgp.records.checkpoint import read_checkpoint, save_state
 from islandgp.records.folder import RunFolder
 from islandgp.running.parts import make_evaluator, make_search
-from islandgp.viewer.page_file import champion_replay
+from islandgp.viewer.run_page import champion_replay
 from tests.domains.courier import SCHEMA
 from tests.evolution.runs import Constant, lines
 

@@ -10,7 +10,7 @@ from islandgp.bt.core.node import Node
 from islandgp.evolution.loop import evolve
 from islandgp.gp.plan import Plan
 from islandgp.gp.record import GenerationRecord, RunState, Step, record_values
-from islandgp.records.lines import dump
+from islandgp.records.files import dump
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Supervisor
 from tests.composed import composed_plan

@@ -10,7 +10,7 @@ from islandgp.evaluation import base
 from islandgp.evaluation.base import Cached, Job
 from islandgp.evolution.loop import evolve
 from islandgp.gp.record import Step
-from islandgp.records.lines import dump
+from islandgp.records.files import dump
 from islandgp.running.parts import make_evaluator, make_search, make_supervisor
 from tests.composed import composed, composed_plan
 from tests.evolution.fake import Fake, outcome_of

@@ -17,7 +17,7 @@ from islandgp.errors import SupervisionError
 from islandgp.gp.edits import EDITS, Edit, edited
 from islandgp.gp.record import GenerationRecord, Step, record_values
 from islandgp.plain import from_json
-from islandgp.records.lines import dump
+from islandgp.records.files import dump
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, Guidance
 from tests.evolution.runs import Constant, lines, plan, records, run

@@ -39,8 +39,8 @@ from islandgp.domain import Scene, Schema, Shape
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.errors import IslandError
 from islandgp.evaluation.base import Problem
+from islandgp.records.files import dump
 from islandgp.records.folder import RunFolder
-from islandgp.records.lines import dump
 from islandgp.resources import resource
 from islandgp.results import load
 from islandgp.supervision.llm.answers import Accepted, check_decision, check_proposal

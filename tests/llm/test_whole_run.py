@@ -17,7 +17,7 @@ import pytest
 from islandgp.errors import SupervisionError
 from islandgp.evolution.loop import evolve
 from islandgp.gp.record import GenerationRecord, RunState, Step
-from islandgp.records.lines import dump
+from islandgp.records.files import dump
 from islandgp.running.parts import make_supervisor, run_context
 from islandgp.supervision.llm.questions import Questions
 from islandgp.supervision.replay import Replay

@@ -22,8 +22,8 @@ from islandgp.errors import IslandError, UntrustedError
 from islandgp.evaluation.base import Problem
 from islandgp.experiment import recorded_decisions
 from islandgp.gate import CONTROL, cleaned, code_in, must_be_known_code, user_folder
+from islandgp.records.files import dump
 from islandgp.records.folder import RunFolder
-from islandgp.records.lines import dump
 from islandgp.records.manifest import add_to_manifest
 from islandgp.running.app import main
 from islandgp.supervision.llm.message import Reply, Request, Usage

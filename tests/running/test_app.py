@@ -14,11 +14,10 @@ import pytest
 import yaml
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 
-from islandgp.config.naming import run_folder
+from islandgp.config.compose import run_folder
 from islandgp.errors import ConfigError
-from islandgp.records.files import PAGE, RunMetadata
+from islandgp.records.files import PAGE, Lines, RunMetadata
 from islandgp.records.folder import RunFolder
-from islandgp.records.lines import Lines
 from islandgp.records.manifest import add_to_manifest
 from islandgp.records.parameters import identity_config
 from islandgp.resources import resource

@@ -18,8 +18,7 @@ from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import RUNTIME_KEYS
 from islandgp.results import COLUMNS
 from islandgp.running.app import main
-from islandgp.running.progress import Progress
-from islandgp.running.report import report
+from islandgp.running.report import Progress, report
 from islandgp.tracking.upload import FILES
 from tests.running.commands import ROOT, finish, start
 from tests.samples import CLASSES

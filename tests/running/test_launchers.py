@@ -8,11 +8,10 @@ from pathlib import Path
 import pytest
 from hydra._internal.utils import get_args_parser
 
-from islandgp.config.compose import planned
-from islandgp.config.naming import command_line
+from islandgp.config.compose import command_line, planned
 from islandgp.evaluation.processes import cores
 from islandgp.running.app import main
-from islandgp.running.launch import BASIC, jobs_at_once, kind_of
+from islandgp.running.sweep import BASIC, jobs_at_once, kind_of
 from tests.running.commands import ROOT, finish, group_members, start
 
 pytestmark = pytest.mark.process

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from islandgp.resources import program
-from islandgp.running.progress import Progress, duration
+from islandgp.running.report import Progress, duration
 from tests.samples import CLASSES
 from tests.tracking.folders import steps
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from islandgp.records.sentences import best_robot, best_robot_in_a_sentence, comparisons
+from islandgp.records.values import best_robot, best_robot_in_a_sentence, comparisons
 
 
 def test_small_points_have_three_digits() -> None:

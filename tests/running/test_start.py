@@ -14,7 +14,7 @@ from islandgp.errors import ConfigError, IslandError, TreeError
 from islandgp.gp.archive import Elite
 from islandgp.records.archive_file import ArchiveFile
 from islandgp.records.manifest import REQUIRED, write_manifest
-from islandgp.running.start import start_digest, start_trees
+from islandgp.running.parts import start_digest, start_trees
 
 
 @pytest.mark.parametrize(

@@ -12,14 +12,12 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
-from islandgp.config.compose import Planned, planned
-from islandgp.config.naming import run_folder
+from islandgp.config.compose import Planned, planned, run_folder
 from islandgp.errors import ConfigError
 from islandgp.records.sweep import SweepFile, SweepFolder
 from islandgp.running import sweep as sweep_run
 from islandgp.running.app import main
-from islandgp.running.launch import BASIC, SweepTask
-from islandgp.running.sweep import run_sweep
+from islandgp.running.sweep import BASIC, SweepTask, run_sweep
 from tests.composed import composed, named
 from tests.profiles import examples
 from tests.running.commands import TINY, fake

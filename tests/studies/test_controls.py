@@ -13,7 +13,7 @@ import pytest
 from islandgp.bt.core.node import Node, size
 from islandgp.errors import SupervisionError
 from islandgp.gp.record import record_values
-from islandgp.records.lines import dump
+from islandgp.records.files import dump
 from islandgp.running.app import main
 from islandgp.running.parts import make_supervisor
 from islandgp.supervision.expert import Expert, early_targets

@@ -12,7 +12,7 @@ from islandgp.bt.core.language import parse, to_text
 from islandgp.errors import SupervisionError
 from islandgp.gp.edits import Edit
 from islandgp.gp.record import record_values
-from islandgp.records.lines import dump
+from islandgp.records.files import dump
 from islandgp.running.parts import make_supervisor
 from islandgp.statistics import paired_difference, paired_test
 from islandgp.supervision.base import GenerationView

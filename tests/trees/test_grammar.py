@@ -22,9 +22,9 @@ from islandgp.bt.core.printer import number_text
 from islandgp.bt.core.vocabulary import Action, Vocabulary, enumeration, flag, integer, number
 from islandgp.bt.export.grammar import Grammar, between, tree_grammar
 from islandgp.commands.trees import grammar_command as command
-from islandgp.domain_files import domain_class
 from islandgp.errors import DomainError
 from islandgp.gp.random_trees import TreeSettings, TreeSpace, random_tree
+from islandgp.installed import domain_class
 from islandgp.resources import resource
 from studies.controls.grammar_walk import random_text
 from tests.profiles import cases, sweep

@@ -9,10 +9,10 @@ import pytest
 import yaml
 
 from islandgp.gp.record import IndividualRecord
+from islandgp.records.files import dump
 from islandgp.records.folder import RunFolder
-from islandgp.records.lines import dump
-from islandgp.viewer import lineage as module
-from islandgp.viewer.lineage import lineage, tree_changes
+from islandgp.viewer import history as module
+from islandgp.viewer.history import lineage, tree_changes
 from tests.compare.fake_runs import config, fake_run, guidance, individual
 from tests.viewer.runs import closed_run
 

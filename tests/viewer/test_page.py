@@ -20,7 +20,7 @@ from pandas import DataFrame  # type: ignore[import-untyped] # its stubs are a p
 
 from islandgp.bt.core.node import leaf, walk
 from islandgp.compare.comparable import compare_arms
-from islandgp.compare.report import build, to_page
+from islandgp.compare.report import build
 from islandgp.domain import Scene, Shape, ShapeStyle
 from islandgp.viewer.encode import GRID
 from islandgp.viewer.page import page
@@ -250,7 +250,7 @@ def test_a_hostile_report_does_nothing(browser: Browser, tmp_path: Path, bad: st
     svg = f'<svg xmlns="http://www.w3.org/2000/svg"><text>{escape(bad)}</text></svg>'
     report.figures["curves"] = svg
     path = tmp_path / "report.html"
-    path.write_text(to_page(report), encoding="utf-8")
+    path.write_text(report.files["index.html"], encoding="utf-8")
     browser.console.clear()
     browser.open(f"file://{path}")
     assert browser.run("window.hit === undefined")

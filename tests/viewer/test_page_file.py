@@ -14,8 +14,8 @@ from islandgp.errors import RunError, UntrustedError
 from islandgp.records.files import PAGE
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import damaged_files
-from islandgp.viewer import page_file
-from islandgp.viewer.page_file import write_page
+from islandgp.viewer import run_page as page_file
+from islandgp.viewer.run_page import write_page
 from tests.tracking.folders import archive, begun, closed_run, finished, steps
 
 

@@ -9,9 +9,9 @@ from typing import Final
 import click
 
 from islandgp.bt.core.printer import number_text
-from islandgp.commands.evaluating import tree_trials
 from islandgp.commands.files import FILE, write_text
 from islandgp.commands.options import EpisodeOptions, with_episode_options, with_output_option
+from islandgp.commands.setting import tree_trials
 from islandgp.errors import IslandError
 from islandgp.viewer.recording import digits
 from islandgp_numbers.tuning import MeanInterval, NumberSettings, Tuned, thresholds_of, tuned
