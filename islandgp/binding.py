@@ -38,7 +38,7 @@ from islandgp.bt.core.parameters import referenced
 from islandgp.bt.core.source import Source, closest, plain
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Key, Vocabulary
 from islandgp.errors import DomainError, OtherDomainError
-from islandgp.installed import class_vocabulary, domain_files
+from islandgp.installed import domain_class, domain_files
 from islandgp.leaves import Leaf, LeafRunner, arguments_of, is_number, number_of
 from islandgp.plugin import defined_in, short_repr
 from islandgp.text_files import read_text_file
@@ -296,7 +296,8 @@ def _vocabulary_of(
         return None
     if domain in domain_files():
         try:
-            return class_vocabulary(domain)
+            declared_words: Vocabulary = domain_class(domain).schema.vocabulary
+            return declared_words
         except (AttributeError, ImportError):  # it depends on settings, or on an extra
             pass
     line, column = domain_place(text)

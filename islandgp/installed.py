@@ -12,13 +12,10 @@ from importlib import import_module
 from importlib.metadata import EntryPoint, entry_points
 from importlib.util import find_spec
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 from islandgp.errors import IslandError
 from islandgp.resources import resource
-
-if TYPE_CHECKING:
-    from islandgp.bt.core.vocabulary import Vocabulary
 
 COMMANDS: Final = "islandgp.commands"
 """The group of commands: `NAME = "MODULE:COMMAND"`, a command of Click."""
@@ -123,26 +120,10 @@ def domain_files(config_dir: str | None = None) -> dict[str, Path]:
     return {file.stem: file for folder in folders for file in folder.glob("domain/*.yaml")}
 
 
-def class_vocabulary(domain: str, config_dir: str | None = None) -> Vocabulary:
-    """The vocabulary of a domain's class, without composing a configuration.
-
-    Raises:
-        KeyError: there is no such domain.
-        AttributeError: its schema depends on settings.
-    """
-    vocabulary: Vocabulary = domain_class(domain, config_dir).schema.vocabulary
-    return vocabulary
-
-
 def domain_class(domain: str, config_dir: str | None = None) -> Any:
-    """The class of a domain. Raises KeyError if there is no such domain."""
-    module, _, attribute = _factory(domain, config_dir).partition(":")
-    return getattr(import_module(module), attribute)
-
-
-def _factory(domain: str, config_dir: str | None = None) -> str:
-    """The path of a domain's class, "module:Class"."""
+    """The class of a domain, without composing a configuration. Raises KeyError for no domain."""
     import yaml
 
     config = yaml.safe_load(domain_files(config_dir)[domain].read_text(encoding="utf-8"))
-    return str(config.get("domain", config)["factory"])
+    module, _, attribute = str(config.get("domain", config)["factory"]).partition(":")
+    return getattr(import_module(module), attribute)
