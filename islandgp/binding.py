@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from enum import IntEnum
 from inspect import iscoroutinefunction, signature
@@ -295,11 +295,9 @@ def _vocabulary_of(
     if not (domain := domain_of(text)):
         return None
     if domain in domain_files():
-        try:
-            declared_words: Vocabulary = domain_class(domain).schema.vocabulary
-            return declared_words
-        except (AttributeError, ImportError):  # it depends on settings, or on an extra
-            pass
+        with suppress(AttributeError, ImportError):  # it depends on settings, or on an extra
+            words: Vocabulary = domain_class(domain).schema.vocabulary
+            return words
     line, column = domain_place(text)
     raise Source(plain(text), str(file)).error(
         f"nothing declares the words of the domain {domain!r}",
