@@ -50,7 +50,7 @@ def estimate_command(overrides: tuple[str, ...]) -> None:
     from islandgp.config.compose import planned
     from islandgp.running.app import parsed_argv
     from islandgp.running.parts import supervised_runs
-    from islandgp.supervision.llm.estimate import costs
+    from islandgp.supervision.llm.budget import costs
 
     args, argv = parsed_argv(overrides)
     settings = [job.settings for job in planned(args, argv, Path.cwd())]

@@ -26,7 +26,7 @@ from islandgp.supervision.library import Library, library_folder, read_library
 from islandgp.text_files import read_text_file
 
 if TYPE_CHECKING:
-    from islandgp.supervision.llm.estimate import SupervisedRuns
+    from islandgp.supervision.llm.budget import SupervisedRuns
 
 TREE_FILE: Final = ".bt"
 
@@ -230,7 +230,7 @@ def supervised_runs(all_settings: Iterable[Settings]) -> list[SupervisedRuns]:
             groups.setdefault(key, []).append((settings, policy))
     if not groups:
         return []
-    from islandgp.supervision.llm.estimate import SupervisedRuns  # only with a language model
+    from islandgp.supervision.llm.budget import SupervisedRuns  # only with a language model
 
     return [
         SupervisedRuns(policy, run_context(settings), settings.supervisor.lag, len(group))

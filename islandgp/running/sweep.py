@@ -218,7 +218,7 @@ def run_sweep(planned: Sequence[Planned], command: str, home: Path) -> int:
     jobs = [_job(each) for each in planned]
     sweeps = {job.sweep.path: job.sweep for job in jobs}
     if runs := supervised_runs(job.settings for job in planned):
-        from islandgp.supervision.llm.estimate import costs  # only with a language model
+        from islandgp.supervision.llm.budget import costs  # only with a language model
 
         echo(costs(runs))
     interrupted = False

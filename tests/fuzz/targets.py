@@ -45,8 +45,7 @@ from islandgp.resources import resource
 from islandgp.results import load
 from islandgp.supervision.llm.answers import Accepted, check_decision, check_proposal
 from islandgp.supervision.llm.budget import Ledger
-from islandgp.supervision.llm.interfaces import read_body, refused
-from islandgp.supervision.llm.message import Reply
+from islandgp.supervision.llm.message import Reply, read_body, refused
 from islandgp.supervision.llm.settings import Caps
 from islandgp.supervision.llm.transcript import Transcript
 from islandgp.supervision.replay import Replay, ReplaySettings

@@ -20,8 +20,16 @@ import pytest
 
 from islandgp.errors import IslandError, SupervisionError
 from islandgp.supervision.llm.client import GRACE, HIDDEN, MAX_BODY, ServerClient
-from islandgp.supervision.llm.interfaces import chat_body, read_body
-from islandgp.supervision.llm.message import MAX_ANSWER, Failure, FailureKind, Reply, Request, Usage
+from islandgp.supervision.llm.message import (
+    MAX_ANSWER,
+    Failure,
+    FailureKind,
+    Reply,
+    Request,
+    Usage,
+    chat_body,
+    read_body,
+)
 from islandgp.supervision.llm.supervisor import LLM
 from tests.composed import composed
 from tests.llm.faults import Fault

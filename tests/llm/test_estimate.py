@@ -15,11 +15,11 @@ from islandgp.commands.runs import estimate_command as command
 from islandgp.errors import ConfigError
 from islandgp.resources import resource
 from islandgp.supervision.base import RunContext
-from islandgp.supervision.llm import estimate
-from islandgp.supervision.llm.budget import Bill
-from islandgp.supervision.llm.estimate import (
+from islandgp.supervision.llm import budget
+from islandgp.supervision.llm.budget import (
     ANSWER,
     THOUGHTS,
+    Bill,
     SupervisedRuns,
     costs,
 )
@@ -30,12 +30,12 @@ from tests.llm.samples import advise, answering, context, settings, state, super
 
 def expected(*arguments: Any) -> Bill:
     """The expected bill of a run with these settings, context and lag."""
-    return estimate.expected(run(*arguments))
+    return budget.expected(run(*arguments))
 
 
 def at_most(*arguments: Any) -> Bill:
     """The upper bound of the same."""
-    return estimate.at_most(run(*arguments))
+    return budget.at_most(run(*arguments))
 
 
 def run(llm_settings: LLMSettings, run_context: RunContext, lag: int = 0) -> SupervisedRuns:
@@ -131,16 +131,6 @@ def test_thoughts_are_expected_of_a_model_that_thinks() -> None:
     assert thinking.output_tokens - plain.output_tokens == 80 * THOUGHTS
     budget = "extra_body={thinking: {type: enabled, budget_tokens: 1024}}"
     assert expected(settings(budget), context()).output_tokens == 80 * (ANSWER + 1024)
-
-
-def test_a_cached_prompt_is_written_once_and_read_then() -> None:
-    """Reads cost less; a prompt that is too short for the model's cache costs the same."""
-    for overrides, cheaper in (["model=current-small"], True), (["model=claude-opus-4-6"], False):
-        cached, plain = (
-            expected(settings(*overrides, f"cache={flag}"), context()) for flag in ("true", "false")
-        )
-        assert cached.input_tokens == pytest.approx(plain.input_tokens, abs=3)
-        assert (cached.usd < 0.9 * plain.usd) is cheaper
 
 
 def test_the_upper_bound_of_a_sweep() -> None:

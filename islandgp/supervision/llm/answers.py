@@ -10,7 +10,7 @@ from __future__ import annotations
 import ast
 import json
 import re
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeVar
@@ -202,6 +202,9 @@ class Accepted:
 
     guidance: Guidance  # with the requested fields
     change: str = ""  # change made to the answer, or ""
+
+
+Check = Callable[[Reply], Accepted | Rejection]
 
 
 def read_answer(reply: Reply, model: type[A]) -> A | Rejection:

@@ -1,4 +1,4 @@
-"""Costs of supervision and the caps on them (section 3.9, Table 14).
+"""Costs of supervision, estimates of them, and the caps on them (section 3.9, Table 14).
 
 The ledger sums up the transcript, so a resumed run continues with the right sums. Before an
 attempt its upper bound is added and compared with the caps: a cap is never exceeded, not even by
@@ -12,7 +12,7 @@ from __future__ import annotations
 import json
 import time
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, astuple, dataclass
 from getpass import getuser
 from math import inf, isnan, nan
@@ -23,8 +23,10 @@ from typing import Final
 
 from filelock import FileLock
 
+from islandgp.supervision.base import RunContext
 from islandgp.supervision.llm.message import (
     CHARGED,
+    MAX_QUOTED,
     Failure,
     FailureKind,
     Reply,
@@ -32,11 +34,20 @@ from islandgp.supervision.llm.message import (
     Usage,
     sha256_of,
 )
+from islandgp.supervision.llm.questions import Questions
 from islandgp.supervision.llm.settings import Caps, LLMSettings, PerMinute, Price
 from islandgp.supervision.llm.transcript import Attempt, Transcript
 
 LONGEST_TURN: Final = 3600.0  # s; a later one is of a wrong clock
 TOKENS_PER_PRICE: Final = 1e6  # tokens per price
+ANSWER: Final = 300  # assumed tokens of an answer: a paragraph, or a tree of 20 nodes
+THOUGHTS: Final = 1_500  # assumed tokens of thinking before an answer
+ADDED: Final = {"rate": 1_600, "tree": 1_900, "edits": 6_000}
+"""Characters of a generation in a prompt, by measurement: the state, or the trees to edit."""
+ADDED_INFORMED: Final = {"rate": 3_500, "tree": 7_000, "edits": 0}
+"""Characters that informed prompts add to them, by measurement."""
+ADDED_MOST: Final = 40_000  # most characters of a generation in a prompt
+PROBES: Final = 4  # most requests of the probe that are answered
 
 
 def cost(usage: Usage, price: Price) -> float:
@@ -250,3 +261,72 @@ class Ledger:
         if not isnan(most := self.most().usd):
             sums |= {"cost_usd": sum(a.usd or 0.0 for a in sent), "cost_usd_at_most": most}
         return sums
+
+
+@dataclass(frozen=True, slots=True)
+class SupervisedRuns:
+    """Runs that ask the same questions; they differ in the seed."""
+
+    settings: LLMSettings
+    context: RunContext
+    lag: int  # generations
+    number: int = 1
+
+    @property
+    def times(self) -> int:
+        """Generations with questions; answers after the last generation have no use."""
+        return max(0, self.context.generations - 1 - self.lag)
+
+
+def costs(runs: Sequence[SupervisedRuns]) -> str:
+    """A line on what all runs together are expected to cost, and on the most they can cost."""
+    number = sum(r.number for r in runs)
+    likely, most = (sum(map(bill, runs), Bill()) for bill in (expected, at_most))
+    return (
+        f"The language model ({', '.join(sorted({r.settings.model_name for r in runs}))}):"
+        f" {_words(likely)} are expected in {number} run{'s' * (number != 1)}, at most"
+        f" {_words(most)}; supervisor.policy.caps limits a run."
+    )
+
+
+def _words(bill: Bill) -> str:
+    dollars = "an unknown price" if isnan(bill.usd) else f"{bill.usd:,.2f} US dollars"
+    tokens = f"{bill.input_tokens:,.0f} tokens in, {bill.output_tokens:,.0f} out"
+    return f"{bill.requests:,.0f} requests, {tokens}, {dollars}"
+
+
+def expected(runs: SupervisedRuns) -> Bill:
+    """The expected bill: each question has one answer of ANSWER tokens, nothing is cached.
+
+    A model that thinks uses THOUGHTS further tokens.
+    """
+    settings, times, questions = runs.settings, runs.times, Questions(runs.settings, runs.context)
+    characters = sum(
+        questions.request(part).characters + ADDED[part] + ADDED_INFORMED[part] * questions.informed
+        for part in questions.parts
+    )
+    output = times * len(questions.parts) * answer_tokens(settings)
+    usage = Usage(round(times * characters / settings.facts.characters), output)
+    bill = Bill.of(times * len(questions.parts) + 1, usage, settings.price)  # and the probe
+    return bill.times(runs.number)
+
+
+def answer_tokens(settings: LLMSettings) -> int:
+    """Expected tokens of an answer, with thinking before it."""
+    return ANSWER + min(THOUGHTS, settings.reply_tokens - settings.max_tokens)
+
+
+def at_most(runs: SupervisedRuns) -> Bill:
+    """The upper bound of the bill: all attempts fail late, with repairs and the longest answers.
+
+    Caps limit it.
+    """
+    settings = runs.settings
+    times = runs.times * settings.retry.attempts * (1 + settings.repairs)
+    longer = MAX_QUOTED * settings.repairs + ADDED_MOST
+    bill = Bill.of(PROBES * settings.retry.attempts, Usage(), settings.price)
+    questions = Questions(settings, runs.context)
+    for part in questions.parts:
+        tokens = most_tokens(questions.request(part), longer=longer)
+        bill += Bill.at_most(1, tokens, settings.price).times(times)
+    return bill.capped(settings.caps).times(runs.number)

@@ -22,7 +22,7 @@ import numpy as np
 from islandgp.errors import SupervisionError
 from islandgp.seeding import Stream, stream
 from islandgp.supervision.base import Guidance
-from islandgp.supervision.llm.answers import Accepted, Rejection, RejectionStage
+from islandgp.supervision.llm.answers import Accepted, Check, Rejection, RejectionStage
 from islandgp.supervision.llm.budget import Ledger, Pace, known_usage, most_tokens
 from islandgp.supervision.llm.message import (
     CHARGED,
@@ -37,8 +37,6 @@ from islandgp.supervision.llm.message import (
 )
 from islandgp.supervision.llm.settings import LLMSettings, Outage
 from islandgp.supervision.llm.transcript import Attempt, Call, Conclusion, Sent, Transcript
-
-Check = Callable[[Reply], Accepted | Rejection]
 
 REASON: Final = 600  # most characters of a fallback's reason in the record
 SLOTS: Final = {"probe": 0, "rate": 1, "tree": 2, "edits": 3}  # of Stream.NETWORK

@@ -25,14 +25,19 @@ from urllib.parse import urlsplit
 from islandgp.errors import SupervisionError
 from islandgp.plugin import imported
 from islandgp.redaction import secrets_in
-from islandgp.supervision.llm.interfaces import (
+from islandgp.supervision.llm.message import (
     INTERFACES,
+    Client,
+    Failure,
+    FailureKind,
+    Reply,
+    Request,
     chat_body,
     error_text,
+    line,
     read_body,
     refused,
 )
-from islandgp.supervision.llm.message import Client, Failure, FailureKind, Reply, Request, line
 from islandgp.threads import in_thread
 
 if TYPE_CHECKING:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 from math import isfinite
 from statistics import fmean
@@ -16,12 +17,12 @@ from islandgp.domain import Domain, Observer, Outcome, Scene
 from islandgp.gp.record import IndividualRecord
 from islandgp.scoring.explain import explained_in_text
 from islandgp.supervision.base import GenerationView, RunContext
+from islandgp.supervision.llm.prompts import about
 from islandgp.text import in_points
 
 SPANS: Final = 8  # parts of an episode, one line each
 MAX_NAMED: Final = 4  # most actions and events named in a span
 KEYS: Final = 12  # most keys that are described
-TREE: Final = 1500  # most characters of a tree
 PARTS: Final = 3  # most components of a class's earnings
 
 
@@ -133,26 +134,38 @@ def _keys(log: EpisodeLog, domain: Domain) -> Iterator[str]:
         )
 
 
-def world_of(i: IndividualRecord, context: RunContext, now: GenerationView) -> tuple[Domain, int]:
-    """The domain and the seed of an individual's first episode in the generation."""
-    place = 0 if context.gp.shared_seed else now.individuals.index(i) * context.gp.episodes
-    return context.domain_in(now.snapshot.generation), now.worlds[place]
+@dataclass
+class EpisodeTexts:
+    """Describes episodes of individuals of a generation, in the first world of each evaluation."""
 
+    context: RunContext
+    view: GenerationView
+    number: int = 0  # of episodes that were simulated
 
-def explanation_of(
-    i: IndividualRecord, context: RunContext, now: GenerationView
-) -> tuple[str, int]:
-    """An individual's tree with what each branch did and is worth, and the episodes that were run.
+    def _world(self, i: IndividualRecord) -> tuple[Domain, int]:
+        gp, view = self.context.gp, self.view
+        place = 0 if gp.shared_seed else view.individuals.index(i) * gp.episodes
+        return self.context.domain_in(view.snapshot.generation), view.worlds[place]
 
-    They are in the first world of its evaluation.
-    """
-    domain, first = world_of(i, context, now)
+    def described(self, i: IndividualRecord) -> tuple[Outcome, list[str]]:
+        """The outcome of an individual's episode, and its world and course in lines."""
+        domain, seed = self._world(i)
+        tree = parse(i.tree, self.context.schema.vocabulary)
+        outcome, lines = describe_episode(domain, tree, seed, self.view.multipliers)
+        self.number += 1
+        return outcome, [*filter(None, (about(domain, seed), *lines))]
 
-    def run(tree: Node, seed: int, observer: Observer | None) -> Outcome:
-        return domain.run_episode(tree, seed, now.multipliers, observer)
+    def explained(self, i: IndividualRecord) -> str:
+        """An individual's tree with what each branch did and is worth."""
+        domain, first = self._world(i)
 
-    tree = parse(i.tree, context.schema.vocabulary)
-    return explained_in_text(run, tree, [first])
+        def run(tree: Node, seed: int, observer: Observer | None) -> Outcome:
+            return domain.run_episode(tree, seed, self.view.multipliers, observer)
+
+        tree = parse(i.tree, self.context.schema.vocabulary)
+        text, episodes = explained_in_text(run, tree, [first])
+        self.number += episodes
+        return text
 
 
 def components(members: Sequence[IndividualRecord]) -> str:
@@ -160,9 +173,3 @@ def components(members: Sequence[IndividualRecord]) -> str:
     means = {c: fmean(i.components[c] for i in members) for c in members[0].components}
     largest = sorted(means, key=lambda c: -abs(means[c]))[:PARTS]
     return ", ".join(f"{c} {in_points(means[c], '+')}" for c in largest if means[c]) or "nothing"
-
-
-def shortened(tree: str) -> str:
-    """A tree's text, of TREE characters at most."""
-    text = tree.strip()
-    return text if len(text) <= TREE else text[: TREE - 3] + "..."

@@ -1,9 +1,8 @@
 """The sections of prompts on the run so far: classes, injected trees, decisions, traces, edits.
 
-Their texts are in `prompts/history.jinja`.
-
-They depend on the configuration, the domain and the records of generations only, so a resumed run
-and a replay have the same. Their size is limited, and no tree is shown twice in a prompt.
+Their texts are in `prompts/history.jinja`. They depend on the configuration, the domain and the
+records of generations only, so a resumed run and a replay have the same. Their size is limited, and
+no tree is shown twice in a prompt.
 """
 
 from __future__ import annotations
@@ -21,17 +20,12 @@ from islandgp.gp.record import GuidanceRecord, IndividualRecord
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import merit, violation
 from islandgp.scoring.generation_stats import GenerationStats
+from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, RunContext
-from islandgp.supervision.llm.episode import (
-    components,
-    describe_episode,
-    explanation_of,
-    shortened,
-    world_of,
-)
-from islandgp.supervision.llm.prompts import about, environment
+from islandgp.supervision.llm.episode import EpisodeTexts, components
+from islandgp.supervision.llm.prompts import environment
 
-ROWS: Final = 40  # most classes in a prompt
+ROWS: Final = 40  # most classes, and most learned sentences, in a prompt
 KEPT: Final = 5  # most injected trees and decisions in a prompt
 MAX_PAST_EDITS: Final = 8  # most earlier edits in a prompt
 NEIGHBOURS: Final = 3  # most individuals in a prompt besides the parents
@@ -40,6 +34,8 @@ LINES: Final = 60  # most nodes of a listed tree
 RUN_VALUES: Final = ("earnings", "injected", "traces", "decisions", "learned")
 EDIT_VALUES: Final = ("parents", "neighbours", "past_edits")
 """Variables of prompts that differ between generations."""
+OF_STATE: Final = ("urgency", "progress")
+"""Those that need the population's state only."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,67 +46,45 @@ class InjectedTree:
     target: str  # its purpose
     new: IndividualRecord  # at its first evaluation, possibly mutated
     rank: int  # by fitness in that generation, from 1
-    alive: tuple[IndividualRecord, ...]  # descendants in this generation, including itself
     family: frozenset[str]  # ids of all descendants so far; a search can keep some aside
     last: int  # last generation with any
 
     def followed_by(self, view: GenerationView) -> InjectedTree:
         """The tree with its descendants in the next generation."""
-        alive = tuple(i for i in view.individuals if not self.family.isdisjoint(i.parents))
+        alive = {i.id for i in view.individuals if not self.family.isdisjoint(i.parents)}
         last = view.snapshot.generation if alive else self.last
-        return replace(self, alive=alive, family=self.family | {i.id for i in alive}, last=last)
-
-
-@dataclass(frozen=True, slots=True)
-class PastDecision:
-    """A decision, and the generations before and after it."""
-
-    guidance: GuidanceRecord
-    before: GenerationStats
-    after: GenerationStats
-
-
-@dataclass(frozen=True, slots=True)
-class PastEdit:
-    """An edit of an earlier answer, and its comparison with the tree before it."""
-
-    generation: int  # in which its tree was evaluated, or would have been
-    edit: EditRecord
-    trial: EditTrial | None  # None: refused, or not evaluated
-
-    @property
-    def change(self) -> str:
-        """The branch, donor or number of the edit, in one line."""
-        e = self.edit
-        change = e.branch or (f"donor {e.donor} at {e.donor_at!r}" if e.donor else f"{e.number}")
-        return " ".join(change.split())
+        return replace(self, family=self.family | alive, last=last)
 
 
 @dataclass(frozen=True, slots=True)
 class RunHistory:
-    """The history of a run for prompts."""
+    """The history of a run for prompts, the oldest first."""
 
     now: GenerationView | None = None  # the last generation
-    injected: tuple[InjectedTree, ...] = ()  # of the trees injected last, oldest first
-    decisions: tuple[PastDecision, ...] = ()  # the last decisions, oldest first
-    edits: tuple[PastEdit, ...] = ()  # the last edits, oldest first
+    injected: tuple[InjectedTree, ...] = ()  # the trees injected last
+    decisions: tuple[tuple[GuidanceRecord, GenerationStats, GenerationStats], ...] = ()
+    """The last decisions, and the generations before and after each."""
+    edits: tuple[tuple[int, EditRecord, EditTrial | None], ...] = ()
+    """The last edits, with the generation in which each was or would have been evaluated, and its
+    comparison with the tree before; None: refused, or not evaluated."""
 
     def followed_by(self, view: GenerationView) -> RunHistory:
         """The history extended by one generation."""
-        trees = [tree.followed_by(view) for tree in self.injected]
-        if view.guidance is not None and view.guidance.injected:
-            trees += [_new(i, view) for i in view.individuals if i.origin == Origin.INJECTED]
+        g, guidance = view.snapshot.generation, view.guidance
+        injected = [tree.followed_by(view) for tree in self.injected]
         decisions, edits = [*self.decisions], [*self.edits]
-        if (guidance := view.guidance) is not None:
+        if guidance is not None:
+            trees = [i for i in view.individuals if i.origin == Origin.INJECTED]
+            for i in trees if guidance.injected else ():
+                rank, family = best_rank([i], view.individuals), frozenset({i.id})
+                injected.append(InjectedTree(g, guidance.target or "", i, rank, family, g))
             if self.now is not None:
-                decisions.append(PastDecision(guidance, self.now.snapshot, view.snapshot))
+                decisions.append((guidance, self.now.snapshot, view.snapshot))
             trials = iter(view.trials)
-            for edit in guidance.edits:
-                trial = None if edit.refused else next(trials, None)
-                edits.append(PastEdit(view.snapshot.generation, edit, trial))
+            edits += [(g, e, None if e.refused else next(trials, None)) for e in guidance.edits]
         return RunHistory(
             now=view,
-            injected=tuple(trees[-KEPT:]),
+            injected=tuple(injected[-KEPT:]),
             decisions=tuple(decisions[-KEPT:]),
             edits=tuple(edits[-MAX_PAST_EDITS:]),
         )
@@ -127,131 +101,59 @@ def best_rank(some: Sequence[IndividualRecord], population: Sequence[IndividualR
     return 1 + min(order.index(i.id) for i in some)
 
 
-def _new(i: IndividualRecord, view: GenerationView) -> InjectedTree:
-    target = "" if view.guidance is None else view.guidance.target or ""
-    generation, rank = view.snapshot.generation, best_rank([i], view.individuals)
-    return InjectedTree(generation, target, i, rank, (i,), frozenset({i.id}), generation)
+def sections(
+    context: RunContext,
+    history: RunHistory,
+    state: PopulationState,
+    names: Collection[str],
+    *,
+    rare: float,
+    count: int,
+    evidence: GenerationView | None = None,
+    traced: bool = True,
+) -> tuple[dict[str, str], int]:
+    """The sections of a prompt by their variables, and the episodes simulated for them.
 
-
-class Shown:
-    """Prints each tree once; later it names the place of the first time."""
-
-    def __init__(self) -> None:
-        self._names: dict[str, str] = {}
-
-    def __call__(self, tree: str, name: str, comments: str = "") -> str:
-        """The tree in a fence, or a sentence that names where it stands above.
-
-        `comments`: the same tree with comments, which is printed instead.
-        """
-        if (first := self._names.setdefault(tree.strip(), name)) != name:
-            return f"Its tree is that of {first}."
-        return f"```\n{comments.strip() or shortened(tree)}\n```"
-
-
-def run_texts(context: RunContext, view: GenerationView | None) -> Any:
-    """The macros of `history.jinja` for a generation."""
-    values = {"run": context, "view": view, "best_rank": best_rank, "mean": fmean}
-    template = environment().get_template("history.jinja")
-    return template.make_module({**values, "components": components})
-
-
-@dataclass(frozen=True, slots=True)
-class Sections:
-    """Makes the sections of prompts that differ between generations.
-
-    Their values are by variable, "" without data so far, beside the episodes simulated for them.
+    Args:
+        context: of the run.
+        history: of the run so far; its last generation has the trees to edit.
+        state: of the population.
+        names: of the sections to be written; others are "".
+        rare: share of the population below which a behaviour is rare.
+        count: most trees to edit.
+        evidence: whose points and traces are shown; None: the last generation.
+        traced: True: with a trace of each tree to edit.
     """
-
-    context: RunContext  # of the run
-    run: RunHistory  # so far
-    view: GenerationView  # whose points and traces are shown
-
-    @property
-    def _texts(self) -> Any:
-        return run_texts(self.context, self.view)
-
-    def of_run(self, rarest: Sequence[str], names: Collection[str]) -> tuple[dict[str, str], int]:
-        """The values of RUN_VALUES that `names` has, others being "".
-
-        `rarest` are the behaviours, the rarest first.
-        """
-        values, shown, episodes = dict.fromkeys(RUN_VALUES, ""), Shown(), 0
-        texts, classes, members = self._texts, self.context.classes, self.view.individuals
-        if "earnings" in names:
-            groups = {
-                n: [i for i in members if i.specialist == n] for n in classes.specialist_names
-            }
-            for name in classes.tiers:
-                groups[f"{classes.tier_title(name)}s"] = [i for i in members if name in i.tiers]
-            values["earnings"] = texts.earnings(dict([*groups.items()][:ROWS]))
-        if "traces" in names:
-            values["traces"], episodes = self._traces(rarest, shown)
-        if "injected" in names:
-            values["injected"] = texts.injected(self.run.injected, shown)
-        if "decisions" in names:
-            values["decisions"] = texts.decisions(self.run.decisions)
-        if "learned" in names:
-            values["learned"] = "\n".join(f"- {s}" for s in self.view.learned[:ROWS])
-        return values, episodes
-
-    def _traces(self, rarest: Sequence[str], shown: Shown) -> tuple[str, int]:
-        """Traces of the best and the least capable tree, and the episodes that were run for them.
-
-        They are of the trees' first world in the generation. The best tree is explained, too.
-        """
-        classes = self.context.classes
-        best = ranked(self.view.individuals)[0]
-        worst = most_lacking(self.view.individuals, classes)
-        comments, episodes = explanation_of(best, self.context, self.view)
-        name = "The fittest tree"
-        texts = [f"{self._trace(name, best)}\n{shown(best.tree, name.lower(), comments)}"]
-        if worst.tree != best.tree:
-            behaviours = classes.behaviours_of(worst.counters)
-            lacking = ", ".join(name for name in rarest if name not in behaviours)
-            name = f"The tree with the fewest behaviours (without {lacking})"
-            texts.append(f"{self._trace(name, worst)}\n{shown(worst.tree, name.lower())}")
-        return "\n\n".join(texts), episodes + len(texts)
-
-    def _trace(self, name: str, i: IndividualRecord) -> str:
-        """A description of an individual's episode in the first world of its evaluation."""
-        domain, seed = world_of(i, self.context, self.view)
-        tree = parse(i.tree, self.context.schema.vocabulary)
-        outcome, lines = describe_episode(domain, tree, seed, self.view.multipliers)
-        return str(self._texts.trace(name, i, outcome, filter(None, (about(domain, seed), *lines))))
-
-    def of_edits(
-        self, now: GenerationView, count: int, *, traced: bool = True
-    ) -> tuple[dict[str, str], int]:
-        """The values of EDIT_VALUES.
-
-        Args:
-            now: with the trees to edit; usually the generation that is shown.
-            count: parents that are shown, at most.
-            traced: True: with a trace of each parent.
-        """
-        texts, vocabulary = self._texts, self.context.schema.vocabulary
-        parents = parents_of(now, self.context, count)
-        others = parents_of(now, self.context, count + NEIGHBOURS)[len(parents) :]
+    values: dict[str, Any] = {"run": context, "history": history, "state": state, "rare": rare}
+    written, episodes = set(OF_STATE), None
+    if (now := history.now) is not None:
+        written, view = {*names, *OF_STATE}, evidence or now
+        episodes = EpisodeTexts(context, view)
+        members, classes, seen = view.individuals, context.classes, parents_of(view, context, count)
+        groups = {n: [i for i in members if i.specialist == n] for n in classes.specialist_names}
+        for name in classes.tiers:
+            groups[f"{classes.tier_title(name)}s"] = [i for i in members if name in i.tiers]
+        parents = parents_of(now, context, count)
         own = {i.tree for i in parents}
-        elites = {e.tree: e for e in now.archive if e.tree not in own}.values()
-        near = [f"Individual {i.id}:\n```\n{shortened(i.tree)}\n```" for i in others]
-        near = [texts.elite(e, shortened(e.tree)) for e in elites] or near
-        shown = [
-            texts.parent(
-                *(i.id, known, listing(parse(i.tree, vocabulary))),
-                self._trace("", known) if traced else "",
-            )
-            for i, known in zip(parents, parents_of(self.view, self.context, count), strict=False)
-        ]
-        values = {
-            "parents": "\n\n".join(shown),
-            "neighbours": "\n\n".join(near[:NEIGHBOURS]),
-            "past_edits": "\n".join(
-                texts.past_edit(p.generation, p.edit, p.change, p.trial) for p in self.run.edits
-            ),
+        values |= {
+            "view": view,
+            "groups": dict([*groups.items()][:ROWS]),
+            "learned_lines": view.learned[:ROWS],
+            "best": ranked(members)[0],
+            "worst": most_lacking(members, classes),
+            "parents_to_edit": [*zip(parents, seen, strict=False)],
+            "others": parents_of(now, context, count + NEIGHBOURS)[len(parents) :],
+            "elites": [*{e.tree: e for e in now.archive if e.tree not in own}.values()],
+            "most_neighbours": NEIGHBOURS,
+            "traced": traced,
+            "episodes": episodes,
+            "listing": lambda tree: listing(parse(tree, context.schema.vocabulary)),
         }
-        return values, len(parents) * traced
+    template = environment().get_template("history.jinja")
+    functions = {"best_rank": best_rank, "components": components, "mean": fmean}
+    module = template.make_module({**values, **functions, "names": written})
+    every = (*OF_STATE, *RUN_VALUES, *EDIT_VALUES)
+    return {n: str(getattr(module, n)) for n in every}, episodes.number if episodes else 0
 
 
 def most_lacking(individuals: Sequence[IndividualRecord], classes: Classes) -> IndividualRecord:

@@ -1,18 +1,22 @@
-"""Requests to a language model and its answers.
+"""Requests to a language model, its answers, and how servers spell them.
 
 A failed attempt is a value, not an exception: it is recorded and counted, and followed by another
-attempt or the fallback.
+attempt or the fallback. Of the interfaces, `anthropic` is the Messages API, `chat` the chat
+completions of OpenAI, llama.cpp, vLLM, Ollama and LM Studio. The SDKs' own models of answers are
+not used, as they accept any values.
 """
 
 from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Iterable
+import re
+from collections.abc import Callable, Iterable, Mapping
+from contextlib import suppress
 from dataclasses import asdict, astuple, dataclass, replace
 from enum import StrEnum
 from operator import add
-from typing import Any, Final, Protocol
+from typing import Any, Final, NamedTuple, Protocol
 
 from islandgp.redaction import without_secrets
 
@@ -171,3 +175,155 @@ def sha256_of(value: Any) -> str:
     """SHA-256 of JSON values, hexadecimal; the order of their keys does not matter."""
     body = json.dumps(value, sort_keys=True, ensure_ascii=False, separators=(",", ":"))
     return hashlib.sha256(body.encode()).hexdigest()
+
+
+STATUSES: Final = {
+    402: FailureKind.NO_CREDIT,
+    409: FailureKind.SERVER,
+    413: FailureKind.TOO_LONG,
+    429: FailureKind.RATE_LIMITED,
+    **dict.fromkeys((401, 403), FailureKind.UNAUTHORISED),
+    **dict.fromkeys((404, 405, 410, 501), FailureKind.NOT_FOUND),
+    **dict.fromkeys((408, 504, 524), FailureKind.TIMEOUT),
+}
+"""Kinds of failures by HTTP status; others are SERVER from 500 on, and REJECTED below."""
+
+WORDS: Final = {
+    FailureKind.NO_CREDIT: r"credit balance|insufficient_quota|exceeded your .*quota",
+    FailureKind.TOO_LONG: r"too long|context (length|size|window)|maximum context|exceed_context",
+    FailureKind.NOT_FOUND: r"model\b.*(not found|does not exist|not exist)|unknown model",
+}
+"""Patterns of errors with the status 400 or 429 that have a kind of their own."""
+
+DAY: Final = 86_400.0  # s, the longest wait that is understood
+STOPS: Final = {"stop": "end_turn", "length": "max_tokens", "content_filter": "refusal"}
+"""The names of the Messages API for the reasons why a chat completion ended."""
+
+
+def _turns(request: Request) -> list[dict[str, str]]:
+    roles = ("user", "assistant")
+    return [{"role": roles[i % 2], "content": text} for i, text in enumerate(request.turns)]
+
+
+def message_body(request: Request) -> dict[str, Any]:
+    """The body of a request of the Messages API."""
+    system: Any = request.system
+    if request.cache:  # the cache ends here, as the text after it changes each time
+        system = [{"type": "text", "text": system, "cache_control": {"type": "ephemeral"}}]
+    extra = dict(request.extra or {})
+    if request.schema:
+        answer = {"format": {"type": "json_schema", "schema": request.schema}}
+        extra["output_config"] = {**extra.get("output_config", {}), **answer}
+    heat = {} if request.temperature is None else {"temperature": request.temperature}
+    frame = {"model": request.model, "max_tokens": request.max_tokens, "system": system}
+    return {**frame, "messages": _turns(request), **heat, **extra}
+
+
+def chat_body(request: Request) -> dict[str, Any]:
+    """The body of a request for a chat completion."""
+    system = [{"role": "system", "content": request.system}] if request.system else []
+    answer = {"name": "answer", "strict": True, "schema": request.schema}
+    schema = None if request.grammar else request.schema
+    optional = {
+        "temperature": request.temperature,
+        "response_format": schema and {"type": "json_schema", "json_schema": answer},
+        "grammar": request.grammar,  # llama.cpp
+        "structured_outputs": request.grammar and {"grammar": request.grammar},  # vLLM
+    }
+    return {
+        "model": request.model,
+        "messages": [*system, *_turns(request)],
+        "max_tokens": request.max_tokens,
+        **{key: value for key, value in optional.items() if value is not None},
+        **(request.extra or {}),
+    }
+
+
+def _read_message(message: dict[str, Any]) -> Reply:
+    blocks = message["content"]
+    text = "".join(block["text"] for block in blocks if block["type"] == "text")
+    thoughts = [block.get("thinking") for block in blocks if block["type"] == "thinking"]
+    counts = message.get("usage") or {}
+    fields = ("input", "output", "cache_read_input", "cache_creation_input")
+    usage = Usage(*_tokens(counts.get(f"{field}_tokens") for field in fields))
+    # Counts of 0 for the request or for a non-empty answer mean that the server did not count.
+    counted = usage.read > 0 and (usage.output > 0 or not blocks)
+    stop = line(str(message.get("stop_reason") or ""))
+    thinking = "\n".join(thought for thought in thoughts if isinstance(thought, str))
+    return Reply(clean(text), stop, usage if counted else None, clean(thinking))
+
+
+def _read_chat(answer: dict[str, Any]) -> Reply:
+    choice = answer["choices"][0]
+    message, stop = choice["message"], str(choice.get("finish_reason") or "")
+    stop = "refusal" if message.get("refusal") else STOPS.get(stop, line(stop))
+    text, thinking = message.get("content") or "", message.get("reasoning_content") or ""
+    counts = answer.get("usage") or {}
+    details = counts.get("prompt_tokens_details") or {}
+    prompt, output, cached = _tokens(
+        (counts.get("prompt_tokens"), counts.get("completion_tokens"), details.get("cached_tokens"))
+    )
+    usage = Usage(max(0, prompt - cached), output, cached) if prompt else None
+    return Reply(clean(text), stop, usage, clean(thinking))
+
+
+def _tokens(counts: Iterable[Any]) -> list[int]:
+    """Numbers of tokens; missing ones are 0. Raises TypeError for values of other types."""
+    tokens = [count or 0 for count in counts]
+    if not all(type(value) is int and 0 <= value < 1e9 for value in tokens):
+        raise TypeError("expected numbers of tokens")
+    return tokens
+
+
+class Interface(NamedTuple):
+    """An interface of servers, and the SDK that speaks it."""
+
+    sdk: str  # class of its client; the default of `client_factory`
+    path: str  # of a request
+    body: Callable[[Request], dict[str, Any]]
+    read: Callable[[dict[str, Any]], Reply]
+    headers: Mapping[str, str]
+
+
+INTERFACES: Final = {
+    "anthropic": Interface(
+        "anthropic:Anthropic",
+        "/v1/messages",
+        message_body,
+        _read_message,
+        {"anthropic-version": "2023-06-01"},  # later versions reject `temperature`
+    ),
+    "chat": Interface("openai:OpenAI", "/chat/completions", chat_body, _read_chat, {}),
+}
+"""By `supervisor.policy.interface`."""
+
+
+def read_body(interface: str, body: str) -> Reply | Failure:
+    """Reads the body of an answer with the status 200."""
+    try:
+        answer = json.loads(body)
+        return INTERFACES[interface].read(answer)
+    except (ValueError, LookupError, TypeError, AttributeError, RecursionError) as error:
+        found = f"expected an answer, found {line(body)[:80]!r} ({type(error).__name__})"
+        with suppress(UnboundLocalError, TypeError):
+            if "error" in answer:
+                found = f"status 200 with an error: {line(error_text(answer))}"
+        return Failure(FailureKind.MALFORMED, found)
+
+
+def error_text(body: Any) -> str:
+    """The message in the body of an error, which has several forms."""
+    for key in ("error", "message"):
+        body = body.get(key, body) if isinstance(body, dict) else body
+    return "" if body is None else str(body)
+
+
+def refused(status: int, text: str, headers: Mapping[str, str]) -> Failure:
+    """The failure of a status other than 200; `text` is the error of the server."""
+    kind = STATUSES.get(status, FailureKind.SERVER if status >= 500 else FailureKind.REJECTED)
+    if status in (400, 429):
+        kind = next((k for k, words in WORDS.items() if re.search(words, text.lower())), kind)
+    seconds = None
+    with suppress(ValueError):
+        seconds = min(DAY, max(0.0, float(headers.get("retry-after", ""))))
+    return Failure(kind, f"status {status}: {line(text)}".rstrip(": "), seconds)

@@ -20,7 +20,6 @@ from typing import TYPE_CHECKING, Any, Final
 from islandgp.bt.core.condition import OPERATORS
 from islandgp.bt.core.kinds import KINDS, REPEATS
 from islandgp.bt.core.parameters import described, signature
-from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.domain import Domain, RewardTable
 from islandgp.errors import SupervisionError
 from islandgp.gp.edits import EDITS
@@ -37,6 +36,7 @@ PROMPT_SETS: Final = ("paper", "informed")
 """The prompts of the folder `prompts`, without or with what a model can learn of the run."""
 SMALL_SET: Final = "small"
 """The prompts for small models, whose answers are decoded by a grammar."""
+MAX_TREE: Final = 1500  # most characters of a tree
 MAX_REWARDS: Final = 2000  # most characters of rewards that are not a table of events
 _PART: Final = re.compile(r"^# (system|user)\s*$", re.MULTILINE)
 
@@ -101,6 +101,7 @@ def environment() -> Environment:
     loader = FileSystemLoader(resource("prompts"))
     jinja = SandboxedEnvironment(loader=loader, undefined=StrictUndefined)
     jinja.filters |= {"g": "{:g}".format, "title_of": title, "points": in_points}
+    jinja.filters |= {"shortened": lambda t: t if len(t) <= MAX_TREE else t[: MAX_TREE - 3] + "..."}
     return jinja
 
 
@@ -143,33 +144,16 @@ def fixed_values(context: RunContext) -> dict[str, Any]:
         "about": _about_stages(context),
         "plain_rewards": plain[:MAX_REWARDS],
         "kinds_of_edits": EDITS,
-        **_language(schema.vocabulary),
+        "kinds": {name: kind.meaning for name, kind in KINDS.items() if kind.paper},
+        "syntax": SYNTAX,
+        "repeats": REPEATS,
+        "operators": OPERATORS,
+        "signature": signature,
+        "described": described,
     }
     module = environment().get_template("parts.jinja").make_module(data)
     names = [name for name in vars(module) if not name.startswith("_")]
     return {n: v for n in names if isinstance(v := getattr(module, n), str | int)}
-
-
-def _language(vocabulary: Vocabulary) -> dict[str, Any]:
-    """The nodes, actions and keys of a vocabulary, with their meanings."""
-    keys = vocabulary.keys.items()
-    return {
-        "nodes": {
-            f"`{SYNTAX.get(name, f'{name} {{ NODE NODE ... }}')}`": kind.meaning
-            for name, kind in KINDS.items()
-            if kind.paper
-        },
-        "repeats": REPEATS,
-        "operators": " ".join(OPERATORS),
-        "shares_resources": any(action.uses for action in vocabulary.actions.values()),
-        "signatures": {
-            signature(name, a.arguments): described(a.meaning, a.arguments, a.uses)
-            for name, a in vocabulary.actions.items()
-        },
-        "numbers": {n: k.meaning for n, k in keys if not k.flag and not k.words},
-        "flags": {n: k.meaning for n, k in keys if k.flag},
-        "choices": {n: f"{k.meaning}: {' | '.join(k.words)}" for n, k in keys if k.words},
-    }
 
 
 _HEAD: Final = re.compile(r"\A(#[^\n]+\n)+#\n")

@@ -16,6 +16,7 @@ from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, RunContext
 from islandgp.supervision.guidance import nameable
 from islandgp.supervision.llm.answers import (
+    Check,
     DecisionAnswer,
     EditsAnswer,
     Rejection,
@@ -27,15 +28,13 @@ from islandgp.supervision.llm.answers import (
     reasons_first,
     schema,
 )
-from islandgp.supervision.llm.calls import Check
 from islandgp.supervision.llm.history import (
     EDIT_VALUES,
     RUN_VALUES,
     RunHistory,
-    Sections,
     parents_of,
     paths_of,
-    run_texts,
+    sections,
 )
 from islandgp.supervision.llm.message import Request
 from islandgp.supervision.llm.prompts import (
@@ -143,24 +142,16 @@ class Questions:
 
     def _of_generation(self, part: str, state: PopulationState) -> dict[str, Any]:
         """The values of LATER. Episodes are simulated for some of them."""
-        texts, now, episodes = run_texts(self.context, self.history.now), self.history.now, 0
-        values = {
-            "generation": state.now.generation,
-            "state": state_text(state, self.context.crisis, self._without),
-            "urgency": texts.urgency(state, self.settings.rare),
-            "progress": texts.progress(state),
-        }
-        if now is not None:
-            sections = Sections(self.context, self.history, self.evidence or now)
-            names = self.variables[PROMPTS[part]] if self.informed else set()
-            names = names if self.traced else names - {"traces"}
-            more, episodes = sections.of_run(state.rarest_behaviours, names)
-            values |= more
-            if part == "edits":
-                more, played = sections.of_edits(now, self.settings.parents, traced=self.traced)
-                values, episodes = values | more, episodes + played
-        self.episodes[part] = episodes
-        return values
+        names = self.variables[PROMPTS[part]] - {*(() if self.informed else RUN_VALUES)}
+        values, self.episodes[part] = sections(
+            *(self.context, self.history, state, names),
+            rare=self.settings.rare,
+            count=self.settings.parents,
+            evidence=self.evidence,
+            traced=self.traced,
+        )
+        text = state_text(state, self.context.crisis, self._without)
+        return {"generation": state.now.generation, "state": text, **values}
 
     def _grammar(self, part: str, shape: Mapping[str, Any], depth: int) -> str:
         """The grammar of an answer; of a tree of this depth, or a branch of half."""

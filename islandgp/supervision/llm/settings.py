@@ -99,7 +99,6 @@ class Facts(BaseModel, frozen=True, extra="forbid"):
     """Other properties of one model."""
 
     thinks: bool = False  # thinks before each answer by default
-    caches_from: int | None = Field(default=None, ge=1)  # tokens of the shortest cached prompt
     characters: float = Field(default=CHARACTERS, gt=0)  # per token, approximately
 
 

@@ -46,9 +46,8 @@ from islandgp.statistics import PairedTest, paired_test
 from islandgp.supervision.base import GenerationView, RunContext
 from islandgp.supervision.editor import Editor, EditorSettings
 from islandgp.supervision.library import Library
-from islandgp.supervision.llm.budget import Bill
+from islandgp.supervision.llm.budget import Bill, answer_tokens
 from islandgp.supervision.llm.calls import LiveCalls, converse, supported
-from islandgp.supervision.llm.estimate import answer_tokens
 from islandgp.supervision.llm.history import parents_of
 from islandgp.supervision.llm.message import (
     Client,

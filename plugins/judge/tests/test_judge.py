@@ -154,8 +154,8 @@ def test_the_arms_differ_in_one_thing() -> None:
         lines = request.turns[0].splitlines()
         assert [line for line in lines if line.startswith("  at ")] == tree
         assert f"Individual {case.parent.id}: " in request.turns[0]
-    assert f"It, {case.parent.fitness:,.0f} points" in of["true"].turns[0]
-    assert f"It, {other.parent.fitness:,.0f} points" in of["shuffled"].turns[0]
+    for arm, shown in (("true", case), ("shuffled", other)):
+        assert f"{case.parent.id}: {shown.parent.fitness:,.0f} points" in of[arm].turns[0]
     assert "In an episode of" not in of["blind"].turns[0]
     assert plan(judge, policy) == plan(judge, policy)
     assert plan(judge, policy)[0]["prompts"] != plan(judge_of(3)[0], policy)[0]["prompts"]
