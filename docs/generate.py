@@ -27,8 +27,7 @@ from islandgp.bt.core.node_builder import MAX_NESTED, MAX_OPERANDS, MAX_TERMS
 from islandgp.commands.setting import configured
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.running.app import main
-from islandgp.supervision.llm.budget import cost
-from islandgp.supervision.llm.budget import ANSWER
+from islandgp.supervision.llm.budget import ANSWER, cost
 from islandgp.supervision.llm.message import Usage
 from islandgp.supervision.llm.prompts import PROMPT_SETS
 from islandgp.supervision.llm.settings import Facts, LLMSettings
