@@ -8,6 +8,7 @@ import shutil
 import subprocess
 import sys
 from pathlib import Path
+from socket import socket
 from typing import Any
 from xml.etree import ElementTree
 from zipfile import ZipFile
@@ -99,3 +100,54 @@ def test_a_server_that_cannot_start_is_named(tmp_path: Path) -> None:
     """The message has the command."""
     (message,) = client(tmp_path, str(tmp_path / "islandgp"), "language-server")["error"]
     assert "islandgp language-server ended: spawn" in message[0]
+
+
+CODE_SERVER = ROOT / "build" / "code-server"
+ENTRY = CODE_SERVER / "node_modules" / "code-server" / "out" / "node" / "entry.js"
+
+
+@pytest.mark.slow
+@needs_node
+@pytest.mark.process
+@pytest.mark.skipif(not ENTRY.exists(), reason="code-server is not installed, see README.md")
+@pytest.mark.skipif(shutil.which("chromium") is None, reason="Chromium is not installed")
+def test_in_vs_code(tmp_path: Path) -> None:
+    """The packed extension marks an error at its word, replaces it, formats and completes."""
+    pack = runpy.run_path(str(ROOT / "plugins" / "editor" / "pack.py"))["pack"]
+    pack(tmp_path / "islandgp-bt.vsix")
+    file = tmp_path / "tree.bt"
+    file.write_text("sequence {SeekCharger   PatrolWaypont}\n", encoding="utf-8")
+    settings = {
+        "islandgp.command": [sys.executable, "-c", CODE, "language-server"],
+        "security.workspace.trust.enabled": False,
+    }
+    (tmp_path / "data" / "User").mkdir(parents=True)
+    (tmp_path / "data" / "User" / "settings.json").write_text(json.dumps(settings))
+    with socket() as free:
+        free.bind(("127.0.0.1", 0))
+        address = f"127.0.0.1:{free.getsockname()[1]}"
+    config = tmp_path / "config.yaml"
+    config.write_text("auth: none\n")
+    code = ["node", str(ENTRY), "--config", str(config), "--user-data-dir", str(tmp_path / "data")]
+    code += ["--extensions-dir", str(tmp_path / "extensions")]
+    subprocess.run([*code, "--install-extension", "islandgp-bt.vsix"], cwd=tmp_path, check=True)
+    options = ["--bind-addr", address, "--disable-telemetry", "--disable-update-check"]
+    with subprocess.Popen([*code, *options], cwd=tmp_path) as server:
+        try:
+            driver = Path(__file__).with_name("code_server.mjs")
+            arguments = [CODE_SERVER, f"http://{address}", file, shutil.which("chromium")]
+            process = subprocess.run(
+                ["node", str(driver), *map(str, arguments)],
+                cwd=tmp_path,
+                stdout=subprocess.PIPE,
+                check=True,
+                encoding="utf-8",
+                timeout=200,
+            )
+        finally:
+            server.terminate()
+    answers = dict(json.loads(line) for line in process.stdout.splitlines())
+    assert "Replace by PatrolWaypoint" in answers["fix"]
+    assert "sequence {SeekCharger   PatrolWaypoint}" in answers["fixed"]
+    assert "sequence { SeekCharger PatrolWaypoint }" in answers["formatted"]
+    assert "SeekCharger" in answers["completion"]
