@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Generator, Iterable, Mapping
+from collections.abc import Callable, Generator, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from functools import partial
 from inspect import isfunction, isgeneratorfunction, signature
 from pathlib import Path
@@ -11,7 +12,8 @@ from secrets import token_bytes
 from typing import Any
 
 from islandgp.bt.core.parameters import referenced
-from islandgp.errors import ConfigError, brief
+from islandgp.errors import ConfigError, IslandError, brief
+from islandgp.plugin import raised_in
 from islandgp.text_files import read_text_file
 from islandgp_ros2.keys import RosKeys
 from islandgp_ros2.messages import filled, interface, must_have, value_of
@@ -290,12 +292,29 @@ def _function_leaf(function: Callable[..., Any], keys: RosKeys) -> Callable[...,
         return keys.write(function.__name__, result, arguments) if is_mapping else result
 
     def call(**arguments: object) -> Any:
-        return end(start(arguments), arguments)
+        with _named(function):
+            return end(start(arguments), arguments)
 
     def run(**arguments: object) -> Generator[None, None, Any]:
-        return end((yield from start(arguments)), arguments)
+        with _named(function):
+            return end((yield from start(arguments)), arguments)
 
     return run if isgeneratorfunction(function) else call
+
+
+@contextmanager
+def _named(function: Callable[..., Any]) -> Iterator[None]:
+    """Context manager: an exception of a function becomes a ConfigError with its place."""
+    try:
+        yield
+    except IslandError:
+        raise
+    except Exception as error:
+        reason = f"{type(error).__name__}: {brief(error)}{raised_in(error)}"
+        raise ConfigError(
+            f"Expected no exception of the function {function.__name__}, found {reason}; correct"
+            " the file of --leaves"
+        ) from error
 
 
 def _fields(message: Any, fields: Mapping[str, str]) -> dict[str, Any]:

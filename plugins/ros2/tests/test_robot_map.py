@@ -186,6 +186,8 @@ def test_python_functions(keys: RosKeys, tmp_path: Path) -> None:
     with pytest.raises(StopIteration):
         next(running)
     assert keys["n"] == 14
+    with pytest.raises(ConfigError, match=r"function Add, found TypeError: .*my leaves.py, line 2"):
+        leaves["Add"](a="{none}", b=5)
     file.write_text("def Add(:")
     with pytest.raises(ConfigError, match=r"my leaves.py: expected functions of Python, found"):
         functions(file, keys)
