@@ -22,7 +22,7 @@ os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
 os.environ["ROS_DOMAIN_ID"] = str(1 + os.getpid() % 100)  # without other tests
 
 from rclpy.exceptions import InvalidHandle
-from ros2_servers import FAILS, HANGS, REJECTED, SUCCEEDS, Servers
+from ros2_servers import BRAKES, FAILS, HANGS, REJECTED, SUCCEEDS, Servers
 from std_msgs.msg import Float32, String
 
 from islandgp.binding import NodeStatus, Tree
@@ -262,6 +262,25 @@ def test_arguments_that_name_keys(
         ' when seen == 2 { Last(order: "{seen}", out: "{other}") } }'
     )
     assert machine.until(lambda _: servers.goals == [FAILS, FAILS])
+
+
+def test_a_changed_key_replaces_a_goal(
+    servers: Servers,
+    robot: Callable[[str], Robot],
+    monkeypatch: pytest.MonkeyPatch,
+    tmp_path: Path,
+) -> None:
+    """The newer goal is sent first; then the old one is cancelled, if its server goes on."""
+    follow = f"Follow: {DRIVE.format('n', ', replace: true')}"
+    mapped(monkeypatch, follow, keys=f"  n: {{initial: {HANGS}}}\n")
+    (tmp_path / "leaves.py").write_text(
+        f"def Change():\n  for _ in range(40): yield\n  return {{'n': {BRAKES}}}\n"
+    )
+    machine = robot("parallel { Follow sequence { Change always running } }")
+    assert machine.until(lambda _: servers.cancelled == [HANGS])
+    assert servers.goals == [HANGS, BRAKES]
+    assert machine.until(lambda _: False, 1) is False
+    assert servers.cancelled == [HANGS]
 
 
 def test_a_key_without_a_value_fails_the_action(
