@@ -130,24 +130,26 @@ def compare_arms(
             " differences."
         )
     generations, runs = read_runs(arms)
-    horizon = int(generations.groupby("run")["generation"].count().min())
+    lengths = generations.groupby("run")["generation"].count()
+    horizon, longest = int(lengths.min()), int(lengths.max())
     if horizon < MIN_GENERATIONS:
         raise StudyError(
             f"Expected runs of at least {MIN_GENERATIONS} generations, found {horizon}; early, mid"
             " and late training need one each."
         )
-    cuts = [
-        f"{name} has runs of more than {horizon} generations; measures of training end with"
-        f" generation {horizon - 1}, the last one of the shortest run."
-        for name in generations[generations["generation"] >= horizon]["arm"].unique()
-    ]
+    if longest > horizon:
+        notes = (
+            f"The runs have {horizon} to {longest} generations; measures of training end with"
+            f" generation {horizon - 1}, the last one of the shortest run.",
+            *notes,
+        )
     generations = generations[generations["generation"] < horizon]
     values = measured(generations, arms[0].runs[0].classes)
     runs = runs.drop(columns=values.columns, errors="ignore").join(values)
     tasks = _tasks(arms)
     labels = {name: task.label for task in tasks for name in task.arms}
     runs.insert(2, "task", runs["arm"].map(labels))
-    further = (*cuts, *_pairs(arms), *_costs(runs), *_alike(arms, generations), *notes)
+    further = (*_pairs(arms), *_costs(runs), *_alike(arms, generations), *notes)
     return Comparison(
         arms=tuple(arms),
         tasks=tasks,

@@ -226,7 +226,7 @@ def test_longer_runs_are_cut_where_the_shortest_ends() -> None:
     run = study.of_arm("expert").iloc[0]
     assert (run["first.complete"], run["fitness_max"]) == (3, 6.0)
     assert np.isnan(run["first.excellent"])
-    assert any("expert has runs of more than 6 generations" in note for note in study.notes)
+    assert any("The runs have 6 to 8 generations" in note for note in study.notes)
     firsts = [emergence("complete"), emergence("excellent")]
     results = examine_all(study, DEFAULT_PLAN, firsts)
     assert [*results["censored_first"]] == [0, 1]
