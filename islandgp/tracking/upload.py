@@ -131,7 +131,8 @@ class RunUploader:
             if status is Status.RUNNING:
                 store.client.update_run(self._run, status=status)
         else:
-            tags = {**about.tags, ARM: arm_of(self.folder.path) or about.tags.get("arm", "")}
+            arm = arm_of(self.folder.path) or about.tags.get("arm", "")
+            tags = {**about.tags, ARM: levels_first(arm)}
             tags |= {"mlflow.parentRunId": parent} if parent else {}
             self._run = store.create(
                 key, about.title, command=about.command, started=about.started, tags=tags
@@ -267,10 +268,22 @@ def send_sweep(sweep: SweepFolder, store: Store, status: Status) -> None:
             about = sweep.run(job).about()
             child = None if about is None else store.find(run_key(about))
             if child is not None:
-                tags = {ARM: file.arm(job), **file.tags(job), "mlflow.parentRunId": run}
+                tags = {
+                    ARM: levels_first(file.arm(job)),
+                    **file.tags(job),
+                    "mlflow.parentRunId": run,
+                }
                 for name, value in tags.items():
                     client.set_tag(child.info.run_id, name, value)
         client.set_tag(run, SENT, done)
+
+
+def levels_first(arm: str) -> str:
+    """An arm's name with its levels before the names of factors, as MLflow cuts after 10 letters."""
+    pairs = [(name, level) for name, _, level in (word.partition("=") for word in arm.split(" "))]
+    names = ", ".join(name for name, level in pairs if level)
+    levels = " ".join(level or name for name, level in pairs)
+    return f"{levels} ({names})" if names else levels
 
 
 def _parent(sweep: SweepFolder, file: SweepFile, store: Store) -> tuple[str, str, str | None]:

@@ -13,7 +13,7 @@ from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import add_to_manifest
 from islandgp.records.sweep import SweepFile, SweepFolder, SweepJob, arm_table, power_line
 from islandgp.tracking.store import Store, run_key
-from islandgp.tracking.upload import RunUploader, parent_run, send_sweep
+from islandgp.tracking.upload import RunUploader, levels_first, parent_run, send_sweep
 from tests.tracking.folders import begun, closed_run
 
 
@@ -152,6 +152,14 @@ def test_jobs_find_the_same_parent(home: Path, store: Store) -> None:
     assert first is not None
     assert parent_run(home / "runs/s/two", store) == first
     assert parent_run(home / "runs/s/three", store) is None
+
+
+def test_what_tells_arms_apart_comes_first_in_mlflow() -> None:
+    """Its list of groups has room for ten letters."""
+    arms = ("curriculum=last interaction.base=100", "expert seed=a=b", "expert", "")
+    assert [levels_first(arm) for arm in arms] == [
+        *("last 100 (curriculum, interaction.base)", "expert a=b (seed)", "expert", "")
+    ]
 
 
 def test_a_finished_sweep_is_described(home: Path, store: Store) -> None:
