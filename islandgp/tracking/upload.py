@@ -279,7 +279,7 @@ def send_sweep(sweep: SweepFolder, store: Store, status: Status) -> None:
 
 
 def levels_first(arm: str) -> str:
-    """An arm's name with its levels before the names of factors, as MLflow cuts after 10 letters."""
+    """An arm's name, levels before the names of factors: MLflow shows its first ten letters."""
     pairs = [(name, level) for name, _, level in (word.partition("=") for word in arm.split(" "))]
     names = ", ".join(name for name, level in pairs if level)
     levels = " ".join(level or name for name, level in pairs)

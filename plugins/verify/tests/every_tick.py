@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from itertools import pairwise, product
-from math import inf
+from math import ceil, floor, inf
 from types import CellType, FunctionType
 from typing import Any, TypeAlias
 
@@ -169,4 +169,6 @@ def _values(key: Key, numbers: Sequence[float]) -> list[float]:
     between = [(a + b) / 2 for a, b in pairwise(numbers)]
     most = inf if key.most is None else key.most
     values = {numbers[0] - 1, *numbers, *between, numbers[-1] + 1, key.low}
+    if key.whole:
+        values = {float(whole) for value in values for whole in (floor(value), ceil(value))}
     return sorted(value for value in values if key.low <= value <= most)
