@@ -22,7 +22,8 @@ def interface(name: str) -> Any:
     except (ImportError, AttributeError) as error:
         raise ConfigError(
             f"Expected the interface {name}, found it not installed ({error}); install the"
-            f" package {package}, or source the workspace that has it"
+            f" package {package} (pip install ros-{package.replace('_', '-')}), or source the"
+            " workspace that has it"
         ) from None
     return interface_class
 

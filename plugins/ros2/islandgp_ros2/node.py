@@ -146,18 +146,13 @@ class TreeNode:
                 )
             words = name in tree.words.keys and tree.words.keys[name].words
             must_be_plain(f"keys.{name}.field", samples[name], text=bool(words))
-        known, sources = {*keys.received, *keys.written}, self._actions.sources(tree.calls())
-        values = {
-            name: partial(keys.__getitem__, name)
-            for name in known
-            if name in tree.inputs() or name not in sources  # these may be messages
-        }
+        inputs, sources = tree.inputs(), self._actions.sources(tree.calls())
+        known = {*keys.received} - sources | {*inputs} & {*keys.received, *keys.written}
+        values = {name: partial(keys.__getitem__, name) for name in known}
         own = {name: leaf for name, leaf in self._own.items() if name in tree.actions()}
         robot_tree = tree.bind({**self._leaves, **own}, values, step_s=self._step_s)
         keys.vocabulary = tree.words
-        self._waits_for = tuple(
-            name for name in keys.received if name in {*tree.inputs(), *sources}
-        )
+        self._waits_for = tuple(name for name in keys.received if name in {*inputs, *sources})
         return robot_tree
 
     def _reload(self) -> None:

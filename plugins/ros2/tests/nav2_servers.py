@@ -1,7 +1,8 @@
 """Servers with the types of Nav2 for tests: planner, controller, behaviours, costmaps.
 
 python nav2_servers.py EVENTS CODES: until its input ends. CODES is JSON: by server the error codes
-of its first goals, e.g. {"follow_path": [105]}; the other goals succeed.
+of its first goals, e.g. {"follow_path": [105]}; the other goals succeed. With "drift" the robot
+leaves its path after a second.
 """
 
 from __future__ import annotations
@@ -80,7 +81,12 @@ class Nav2:
                 handle.canceled()
                 self.tell(f"{name} cancelled")
                 return result
-            time.sleep(0.01)
+            if name == "follow_path":
+                feedback = FollowPath.Feedback()
+                drifts = "drift" in self._codes and end - time.monotonic() < LASTS[name] - 1
+                feedback.tracking_feedback.position_tracking_error = float(drifts)
+                handle.publish_feedback(feedback)
+            time.sleep(0.02)
         if result.error_code:
             handle.abort()
             self.tell(f"{name} failed {result.error_code}")

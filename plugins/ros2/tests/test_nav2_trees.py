@@ -44,12 +44,17 @@ pytestmark = [
     ),
 ]
 STOCK = "navigate_to_pose_w_replanning_and_recovery"
+BOUNDED = "navigate_to_pose_w_bounds_check"
 TREES = (
     STOCK,
     "navigate_w_replanning_time",
     "navigate_w_replanning_only_if_path_becomes_invalid",
     "navigate_w_recovery_and_replanning_only_if_path_becomes_invalid",
+    "navigate_w_replanning_only_if_goal_is_updated",
+    "nav_to_pose_with_consistent_replanning_and_if_path_becomes_invalid",
+    BOUNDED,
 )
+REPLANS = (STOCK, "navigate_w_replanning_time")  # every second
 
 
 def build() -> Path:
@@ -75,6 +80,8 @@ def build() -> Path:
 def named(xml: str) -> str:
     """A tree of tests/trees/nav2.py with the names and numbers that Nav2's own has."""
     xml = re.sub(r"(local|global)/clear", r"\1_costmap/clear_entirely_\1_costmap", xml)
+    xml = xml.replace("{feedback}", "{tracking_feedback}").replace("3.14", "0.2")
+    xml = xml.replace("max_heading_error", "max_error_left").replace("{p}", "{selected_planner}")
     return xml.replace(' spin_dist="1.57"', "").replace('backup_speed="0.1"', 'backup_speed="0.15"')
 
 
@@ -165,7 +172,7 @@ def test_plan_and_follow(robot: Robot, tree: str) -> None:
     assert in_order(robot, "compute_path_to_pose done", "follow_path 7", "follow_path done")
     happened = robot.happened()
     assert "follow_path cancelled" not in happened
-    assert ("follow_path replaced" in happened) == ("only_if" not in tree)
+    assert "follow_path replaced" in happened or tree not in REPLANS
 
 
 def test_a_new_goal_is_followed(robot: Robot) -> None:
@@ -218,6 +225,19 @@ def test_all_recoveries(robot: Robot) -> None:
     start = robot.wait("compute_path_to_pose 7")
     row("no progress, ever: until the tree fails", robot.exit(node, 1) - start)
     assert in_order(robot, "spin 1.57", "wait 5", "backup 0.3 0.15", "clear local", "spin 1.57")
+
+
+def test_the_robot_leaves_its_path(robot: Robot) -> None:
+    """The controller's feedback is a key: out of its bounds, the goal is cancelled."""
+    robot.servers(drift=[1])
+    robot.goal(7)
+    node = robot.navigate(BOUNDED)
+    start = robot.wait("follow_path 7")
+    row(
+        "off the path after 1 s: until the controller stops",
+        robot.wait("follow_path cancelled") - start,
+    )
+    robot.exit(node, 1)
 
 
 @pytest.mark.parametrize("by", [signal.SIGINT, signal.SIGTERM])

@@ -99,7 +99,7 @@ class Bench:
         lines = [line.split(" ", 1) for line in self.events.read_text().splitlines()]
         return [float(at) for at, text in lines if text == event]
 
-    def wait(self, event: str, count: int = 1, seconds: float = 20) -> float:
+    def wait(self, event: str, count: int = 1, seconds: float = 60) -> float:
         """The time of the nth occurrence of an event."""
         self.until(lambda: len(self.times(event)) >= count, seconds)
         return self.times(event)[count - 1]
@@ -112,7 +112,7 @@ class Bench:
         """What the nodes wrote."""
         return (self.folder / "node").read_text()
 
-    def until(self, holds: Callable[[], bool], seconds: float = 20) -> float:
+    def until(self, holds: Callable[[], bool], seconds: float = 60) -> float:
         """Waits until it holds; returns the time."""
         end = time.monotonic() + seconds
         while not holds():
