@@ -49,7 +49,7 @@ _SORTS = {
     Sort.SECONDS: "2.5",
     Sort.ASSIGNMENT: "KEY = KEY + 1",
 }
-_CHILDREN = {(0, 0): "none", (1, 1): "one", (2, 2): "two"}
+_CHILDREN = {(0, 0): "none", (1, 1): "one", (2, 2): "two", (2, 3): "two or three"}
 
 
 def tables() -> dict[str, str]:
@@ -131,7 +131,7 @@ def _example(name: str, kind: NodeKind) -> str:
     for argument in kind.arguments:
         value = _SORTS.get(argument.sort) or next(iter(argument.words))
         words.append(value if argument.default is None else f"{argument.name} {value}")
-    children = {(0, 0): "", (1, 1): " { x }", (2, 2): " { x y }"}
+    children = {(0, 0): "", (1, 1): " { x }", (2, 2): " { x y }", (2, 3): " { x y z }"}
     return f"`{' '.join(words)}{children.get(kind.children, ' { ... }')}`"
 
 

@@ -34,6 +34,7 @@ class Stream(IntEnum):
     PERTURBATION = 18  # of a world, by its seed; slot 0: its settings, 1: its sensors
     PRUNING = 19  # worlds in which the best robot is shortened, by slot; generation: the purpose
     JUDGING = 20  # of a plug-in: draws and worlds, by population and slot; the seed is 0
+    ORDER = 21  # orders of the children of a random selector, by its place in the tree
     RESAMPLING = 100  # a comparison's bootstrap, by world; generation 1: a second sample; seed 0
 
 

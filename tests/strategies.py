@@ -13,7 +13,7 @@ from islandgp.bt.core.condition import (
     comparison,
     negate,
 )
-from islandgp.bt.core.kinds import ABORTS, ALWAYS, KINDS, NAV2, POLICIES, REPEATS, TIMED
+from islandgp.bt.core.kinds import ABORTS, ALWAYS, KINDS, NAV2, POLICIES, REPEATS, TIMED, UNLIMITED
 from islandgp.bt.core.language import MAX_NUMBER
 from islandgp.bt.core.node import (
     AlwaysArgs,
@@ -30,10 +30,10 @@ from islandgp.scoring.state import PopulationState
 from tests.samples import CLASSES, state
 
 _KEYS = VOCABULARY.keys
-_EXACT = frozenset(KINDS) - NAV2  # kinds with an exact export
+_EXACT = frozenset(KINDS) - NAV2 - {"random_selector"}  # kinds with an exact export
 _PLAIN = [name for name, kind in KINDS.items() if not kind.arguments]
 TURNS = ["inverter", *(name for name in _PLAIN if KINDS[name].decorates)]
-COMPOSITES = [name for name in _PLAIN if not KINDS[name].decorates]
+COMPOSITES = [name for name in _PLAIN if KINDS[name].children[1] == UNLIMITED]
 _FLAGS = [name for name, key in _KEYS.items() if key.flag]
 _NUMBERS = [name for name, key in _KEYS.items() if not key.flag]
 
@@ -167,10 +167,12 @@ def nodes(
         several = st.lists(child, min_size=1, max_size=4).map(tuple)
         composite = st.sampled_from(composites)
         clocks = st.builds(Node, st.sampled_from(clocks_of), seconds, one)
+        branching = st.lists(child, min_size=2, max_size=3).map(tuple)
         recovery = st.builds(Node, st.just("recovery"), count, st.tuples(child, child))
         return st.one_of(
             *[clocks] * timed,
             *[recovery] * nav2,
+            st.builds(Node, st.just("if_else"), st.just(()), branching),
             st.builds(Node, composite, st.just(()), several),
             st.builds(Node, st.just("when"), guard, one),
             st.builds(Node, st.just("parallel"), st.builds(ParallelArgs, policy, policy), several),

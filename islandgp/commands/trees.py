@@ -25,8 +25,7 @@ from islandgp.bt.export import behaviortree_cpp
 from islandgp.bt.export.cpp_importer import DIFFERENCES
 from islandgp.bt.export.declared import UNNAMED
 from islandgp.bt.export.grammar import FORMATS, tree_grammar
-from islandgp.bt.export.import_cpp import Imported, read_tree
-from islandgp.bt.export.json import from_json, to_json
+from islandgp.bt.export.import_cpp import read_tree
 from islandgp.bt.export.py_trees import to_python
 from islandgp.bt.export.render import label, to_rich, to_svg
 from islandgp.commands.files import (
@@ -45,7 +44,7 @@ from islandgp.text import in_its_domain
 
 COLOURS: Final = {Mark.DELETED: "red", Mark.INSERTED: "green", Mark.CHANGED: "yellow"}
 
-FORMATS_BY_ENDING: Final = {"json": "json", "xml": "btcpp", "py": "pytrees"}
+FORMATS_BY_ENDING: Final = {"xml": "btcpp", "py": "pytrees"}
 
 DEPTH: Final = 8  # levels of a tree, as section 2.2.3 limits them
 
@@ -206,9 +205,9 @@ def export_command(
 ) -> None:
     """Write the tree in FILE for another tool.
 
-    json: for your own programs. btcpp: XML for BehaviorTree.CPP 4; where a node of the
-    library has another meaning, a node of --header replaces it. pytrees: a Python module
-    that builds a py_trees tree. docs/exports.md describes the formats.
+    btcpp: XML for BehaviorTree.CPP 4; where a node of the library has another meaning, a
+    node of --header replaces it. pytrees: a Python module that builds a py_trees tree.
+    docs/exports.md describes the formats.
     """
     if header:
         if file is not None or form is not None:
@@ -226,10 +225,7 @@ def export_command(
             f" that ends in one of {endings}, found {'none' if output == STDIN else output}"
         )
     _, vocabulary, tree = read_in_domain(file, options, marked=True)
-    if form == "json":
-        text = to_json(tree)
-    else:
-        text = (behaviortree_cpp.to_xml if form == "btcpp" else to_python)(tree, vocabulary)
+    text = (behaviortree_cpp.to_xml if form == "btcpp" else to_python)(tree, vocabulary)
     write_text(output, text)
     for each in behaviortree_cpp.needs(text) if form == "btcpp" else ():
         click.echo(f"needs {each}", err=True)
@@ -244,7 +240,7 @@ def export_command(
 def import_command(
     file: str, identity: str | None, strict: bool, output: str, options: DomainOptions
 ) -> None:
-    """Turn JSON or BehaviorTree.CPP XML in FILE into a tree of the language.
+    """Turn BehaviorTree.CPP XML in FILE into a tree of the language.
 
     A node that the language does not have is an error with its place. Differences in
     behaviour are printed to the standard error. The result names its domain, unless
@@ -252,19 +248,13 @@ def import_command(
     """
     check_other_file(file, output)
     text, name, folder = read_tree_text(file)
-    start = text.lstrip("\ufeff \t\r\n")[:1]
-    wanted = "BehaviorTree.CPP XML with --tree" if identity else "JSON or BehaviorTree.CPP XML"
-    if not start or start not in ("<" if identity else "<{["):
+    if text.lstrip("\ufeff \t\r\n")[:1] != "<":
         raise TreeError(
-            f"{name}: expected {wanted}, found another format; a tree in the language needs no"
-            " import"
+            f"{name}: expected BehaviorTree.CPP XML, found another format; a tree in the language"
+            " needs no import"
         )
     vocabulary = vocabulary_of(TreeText(text if options.declaration else "", name, None), options)
-    if start != "<":
-        tree = from_json(text, vocabulary, name=name)
-        imported = Imported(tree, (), to_text(tree))
-    else:
-        imported = read_tree(text, vocabulary, name=name, tree=identity, folder=folder)
+    imported = read_tree(text, vocabulary, name=name, tree=identity, folder=folder)
     losses = [
         f"{name}:{line}:{column}: not the same ({about}): there, {DIFFERENCES[about]}"
         for line, column, about in imported.differences

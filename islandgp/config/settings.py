@@ -305,6 +305,7 @@ def _faults(settings: Settings) -> Iterator[str]:
         yield from settings.rewards.faults(schema)
     yield from settings.curriculum.faults(schema)
     yield from settings.classes.faults(schema)
+    yield from settings.gp.trees.faults(schema.vocabulary)
     search = settings.search.settings()
     if hasattr(search, "faults"):
         with plugin_errors(path_of(settings.search.factory)):

@@ -230,7 +230,9 @@ class SimulatorDomain:
             return runners[-1]
 
         watch = None if observer is None else observer.node
-        tick = compile_tree(tree, runner_of, board, key_index, watch=watch, step_s=self.step_s)
+        tick = compile_tree(
+            tree, runner_of, board, key_index, watch=watch, step_s=self.step_s, seed=seed
+        )
         read, see = self.reader(episode), None
         if self.faults is not None:
             see = self.faults.sensors(sensed, seed)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from math import floor, inf, log10
@@ -12,10 +12,11 @@ import numpy as np
 from pydantic import AfterValidator, BaseModel, Field
 
 from islandgp.bt.analysis.conflicts import without_conflicts
+from islandgp.bt.core.arithmetic import Formula, Named, Operation
 from islandgp.bt.core.condition import FLAG_OPERATORS, OPERATORS, Condition, ConditionExpr, combine
 from islandgp.bt.core.kind import Argument, Sort
-from islandgp.bt.core.kinds import ABORTS, INNER, KINDS
-from islandgp.bt.core.node import Args, GuardArgs, Limits, Node, Value, within
+from islandgp.bt.core.kinds import ABORTS, KEYWORDS, KINDS
+from islandgp.bt.core.node import Args, GuardArgs, Limits, Node, SetArgs, Value, within
 from islandgp.bt.core.parameters import Parameter, leaf_of
 from islandgp.bt.core.vocabulary import Key, Vocabulary
 from islandgp.domain import total
@@ -65,10 +66,16 @@ class TreeSettings(BaseModel, frozen=True, extra="forbid"):
     children: Annotated[tuple[Annotated[int, Field(ge=1)], int], RISING]
     """Least and most children of a composite."""
     repeats: int = Field(ge=1, le=100)  # most repetitions
-    kinds: Annotated[dict[str, float], weights_of(INNER)]  # of each inner node kind
+    kinds: Annotated[dict[str, float], weights_of(KEYWORDS)]  # of each kind but an action
     operators: Annotated[dict[str, float], weights_of(OPERATORS)]  # of comparisons with a number
     aborts: Annotated[dict[str, float], weights_of(ABORTS)]  # of each abort rule
     conditions: ConditionSettings = ConditionSettings()
+
+    def faults(self, vocabulary: Vocabulary) -> Iterator[str]:
+        """A line if there should be `set`s in a domain without keys that trees write."""
+        if self.kinds.get("set") and not vocabulary.initial:
+            found = f"found {self.kinds['set']:g}; no key of the domain has an initial value"
+            yield f"gp.trees.kinds.set: expected 0, {found}"
 
 
 @dataclass(frozen=True)
@@ -95,11 +102,16 @@ class TreeSpace:
 
     @cached_property
     def kinds(self) -> dict[str, float]:
-        """The weight of each inner node kind; without keys there is no guard."""
+        """The weight of each node kind; without keys there is no guard."""
         weights = self.settings.kinds
         if self.keys:
             return weights
         return {k: w for k, w in weights.items() if KINDS[k].args is not GuardArgs}
+
+    @cached_property
+    def writable(self) -> tuple[str, ...]:
+        """The names of the keys that trees write."""
+        return tuple(name for name, key in self.vocabulary.keys.items() if key.writable)
 
 
 def weighted(rng: np.random.Generator, weights: Mapping[str, float]) -> str:
@@ -178,7 +190,22 @@ def random_args(rng: np.random.Generator, kind: str, space: TreeSpace) -> Args:
     """The arguments of an inner node."""
     if KINDS[kind].args is GuardArgs:
         return _random_guard(rng, space)
+    if KINDS[kind].args is SetArgs:
+        return SetArgs(random_assignment(rng, space))
     return KINDS[kind].make_args([_drawn(rng, each, space) for each in KINDS[kind].arguments])
+
+
+def random_assignment(rng: np.random.Generator, space: TreeSpace) -> Condition:
+    """A random value of a random key; for a number also one step more or less than it has."""
+    name = space.writable[rng.integers(len(space.writable))]
+    key = space.vocabulary.keys[name]
+    if key.flag:
+        at = int(rng.integers(len(key.choices)))
+        return Condition(name, "=", Named(key.choices[at], at))
+    if not key.words and rng.random() < 0.5:
+        term = Operation("+-"[rng.integers(2)], (name, key.step))
+        return Condition(name, "=", 0.0, Formula(term))
+    return _about(rng, name, space)._replace(operator="=")
 
 
 def _drawn(rng: np.random.Generator, argument: Argument, space: TreeSpace) -> float | str:
@@ -239,11 +266,13 @@ def on_grid(key: Key, steps: float) -> float:
 
 
 def inner_node(rng: np.random.Generator, space: TreeSpace, depth: int) -> Node:
-    """A random composite or decorator whose tree has at most `depth` >= 2 levels."""
+    """A random node other than an action, whose tree has at most `depth` >= 2 levels."""
     kind = weighted(rng, space.kinds)
     least, most = space.settings.children
     fewest, limit = KINDS[kind].children
-    n = limit if fewest == limit else int(rng.integers(least, most + 1))
+    n = limit
+    if fewest < limit:
+        n = min(limit, max(fewest, int(rng.integers(least, most + 1))))
     args = random_args(rng, kind, space)
     return Node(kind, args, tuple(grow(rng, space, depth - 1) for _ in range(n)))
 
@@ -271,7 +300,7 @@ def random_tree(rng: np.random.Generator, space: TreeSpace) -> Node:
 def expected_nodes(trees: TreeSettings, depth: int) -> float:
     """Expected number of nodes of `grow` with this depth, >= 1; at most MAX_EXPECTED_NODES."""
     weight = sum(trees.kinds.values())
-    branching = sum(w for kind, w in trees.kinds.items() if KINDS[kind].children[1] != 1) / weight
+    branching = sum(w for kind, w in trees.kinds.items() if KINDS[kind].children[1] > 1) / weight
     children = 1 - branching + branching * sum(trees.children) / 2
     nodes = 1.0
     for _ in range(1, depth):

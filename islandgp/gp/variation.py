@@ -118,7 +118,7 @@ def _node(rng: np.random.Generator, old: Node, space: TreeSpace, _: MutationSett
 
 @of_node(
     lambda node, space: (
-        (node.args and node.children) or space.vocabulary.action(node.action).arguments
+        (node.args and not node.action) or space.vocabulary.action(node.action).arguments
     )
 )
 def _parameter(
@@ -129,7 +129,7 @@ def _parameter(
         return _other_argument(rng, old.args, space, settings)
     args = random_args(rng, old.kind, space)
     nudge = rng.normal(0, settings.number_sd)
-    if isinstance(old.args, CountArgs):
+    if isinstance(old.args, CountArgs) and not isinstance(old.args.times, str):
         least, most = REPEATS
         moved = round(old.args.times + nudge * space.settings.repeats)
         args = CountArgs(float(min(most, max(least, moved))))

@@ -16,10 +16,11 @@ import numpy as np
 from islandgp.bt.core.condition import Condition, ConditionExpr
 from islandgp.bt.core.engine import ABORTED
 from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node, count_of, guard_of
+from islandgp.seeding import Stream, stream
 
 NO_DECORATORS = (
     "selector", "sequence", "parallel", "reactive_selector", "reactive_sequence", "action",
-    "pipeline", "round_robin", "recovery", "always",
+    "pipeline", "round_robin", "recovery", "always", "random_selector", "if_else",
 )  # fmt: skip
 
 
@@ -40,6 +41,8 @@ class Live:
         self.broken = False  # when: its condition failed while its child ran
         self.ticks = 0  # wait, timeout: since its start
         self.free = 0  # cooldown, every: the first tick in which its child may start
+        self.order: list[int] = []  # random_selector: the children that are not yet tried
+        self.rng = stream(0, Stream.ORDER, slot=self.place + 1)
 
 
 class Reference:
@@ -246,6 +249,24 @@ class Reference:
             if live.failures == len(live.children):
                 live.at = 0
                 return FAILURE
+
+    def random_selector(self, live: Live) -> int:
+        if not live.running:
+            live.order = live.rng.permutation(len(live.children)).tolist()
+        while True:
+            status = self.run(live.children[live.order[0]])
+            if status != FAILURE or len(live.order) == 1:
+                return status
+            live.order.pop(0)
+
+    def if_else(self, live: Live) -> int:
+        if not live.running:
+            live.at = 0
+        status = self.run(live.children[live.at])
+        if live.at > 0 or status in (RUNNING, AGAIN):
+            return status
+        live.at = 1 if status == SUCCESS else 2
+        return self.run(live.children[live.at]) if live.at < len(live.children) else FAILURE
 
     def recovery(self, live: Live) -> int:
         if not live.running:

@@ -1,6 +1,6 @@
 """A stage for engine tests: trees with short names, actions that follow a script.
 
-In a stage's text, A to G are actions, `p` and `q` are flags and `x` is a number.
+In a stage's text, A to G are actions, `p` and `q` are flags, `x` is a number and `n` a whole one.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node
 from islandgp.domains.island.vocabulary import VOCABULARY
 
 _ACTIONS = dict(zip("ABCDEFG", VOCABULARY.actions, strict=True))
-_KEYS = {"p": "foundGarbage", "q": "isHumanoidWantToClear", "x": "batteryLevel"}
+_KEYS = {"p": "foundGarbage", "q": "isHumanoidWantToClear", "x": "batteryLevel", "n": "lap"}
 _LETTERS = {"F": FAILURE, "S": SUCCESS, "R": RUNNING}
 
 
 def short_text(text: str) -> str:
     """A text with the island's names in place of the short ones."""
     names = _ACTIONS | _KEYS
-    return re.sub(r"\b[A-Gpqx]\b", lambda word: names[word[0]], text)
+    return re.sub(r"\b[A-Gnpqx]\b", lambda word: names[word[0]], text)
 
 
 def short_tree(text: str) -> Node:

@@ -21,7 +21,6 @@ from islandgp.bt.core.node import guard_of, guarded, keys_in, leaf, thresholds
 from islandgp.bt.core.printer import condition_text
 from islandgp.bt.core.vocabulary import Action, Vocabulary, enumeration, flag, number
 from islandgp.bt.export import behaviortree_cpp, py_trees
-from islandgp.bt.export.json import from_json, to_json
 from islandgp.bt.export.scripts import read_condition
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import LimitError, TreeError
@@ -108,7 +107,6 @@ def test_names() -> None:
     """
     tree = parse(text, WORDS)
     assert to_text(tree) == "when 0.5 * angle + spin > 2 { Go }\n"
-    assert from_json(to_json(tree), WORDS) == tree
     assert keys_in(tree) == ("angle", "spin")
     assert thresholds(parse("when 2 * angle > 3 { Go }", WORDS), "angle") == ()
 

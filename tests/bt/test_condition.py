@@ -25,7 +25,6 @@ from islandgp.bt.core.language import parse, parse_condition, to_text
 from islandgp.bt.core.node import Limits, guard_of, guarded, leaf, walk
 from islandgp.bt.core.printer import condition_text
 from islandgp.bt.export.behaviortree_cpp import _script
-from islandgp.bt.export.json import from_json, to_json
 from islandgp.bt.export.scripts import read_condition
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.gp.random_trees import ConditionSettings, TreeSpace, random_tree
@@ -132,7 +131,6 @@ def test_ways_out_and_back(expr: ConditionExpr) -> None:
     """Text, JSON and scripts of BehaviorTree.CPP bring a condition back."""
     tree = guarded(expr, leaf("PatrolWaypoint"))
     assert parse(to_text(tree), VOCABULARY) == tree
-    assert from_json(to_json(tree)) == tree
     assert parse_condition(condition_text(expr), VOCABULARY) == expr
     assert read_condition(_script(expr), VOCABULARY) == expr
 

@@ -71,6 +71,7 @@ def test_arguments_are_as_declared(kind: str) -> None:
         **{k: f"{k} 2 {{ PatrolWaypoint }}" for k in (*COUNTED, *TIMED)},
         "always": "always success",
         "set": "set lap = lap + 1",
+        "if_else": "if_else { PatrolWaypoint PatrolWaypoint }",
         "recovery": "recovery 2 { PatrolWaypoint PatrolWaypoint }",
         "when": "when lap > 1 { PatrolWaypoint }",
     }

@@ -15,9 +15,9 @@ from islandgp.bt.core.node import (
     FAILURE,
     RUNNING,
     SUCCESS,
-    SecondsArgs,
     guard_of,
     thresholds,
+    ticks_of,
 )
 from islandgp.domains.island.vocabulary import VOCABULARY
 from tests.bt import test_set
@@ -313,6 +313,42 @@ def test_round_robin_aborted() -> None:
     assert [stage.tick(p=p)[0] for p in (1, 1, 0, 1)] == ["A!", "B!", "", "A!"]
 
 
+def test_random_selector() -> None:
+    """It tries its children in another order at each start; a seed gives the same orders."""
+    orders = []
+    for _ in range(2):
+        stage = Stage("random_selector { A B C }", A="F", B="F", C="F")
+        orders.append([stage.tick() for _ in range(12)])
+    assert orders[0] == orders[1]
+    assert {status for _, status in orders[0]} == {FAILURE}
+    assert {"".join(sorted(calls)) for calls, _ in orders[0]} == {"  !!!ABC"}
+    assert len({calls for calls, _ in orders[0]}) > 3
+    stage = Stage("random_selector { A B }", A="RS", B="RS")
+    first, then = stage.tick()[0], stage.tick()[0]
+    assert f"{then}!" == first
+
+
+def test_if_else() -> None:
+    """The first child chooses between the two others, from the tick in which it ends."""
+    stage = Stage("if_else { A B C }", A="RSF", B="RF", C="S")
+    assert [stage.tick() for _ in range(4)] == [
+        ("A!", RUNNING), ("A B!", RUNNING), ("B", FAILURE), ("A! C!", SUCCESS)
+    ]  # fmt: skip
+    assert Stage("if_else { A B }", A="F").tick() == ("A!", FAILURE)
+
+
+def test_counts_and_seconds_from_keys() -> None:
+    """A key is read at the start of a repetition or of a time; below 1 there is no repetition."""
+    stage = Stage("retry n { A }", A="F")
+    assert [stage.tick(n=n) for n in (2, 9, 0, 1)] == [
+        ("A!", AGAIN), ("A!", FAILURE), ("", FAILURE), ("A!", FAILURE)
+    ]  # fmt: skip
+    assert Stage("repeater n { A }", A="S").tick(n=-3) == ("", SUCCESS)
+    for word, calls in (("wait", ["", "", "A!"]), ("timeout", ["A!", "A", ""])):
+        stage = Stage(f"{word} x {{ A }}")
+        assert [stage.tick(x=x)[0] for x in (1.5, 50, 0)] == calls
+
+
 def test_recovery() -> None:
     """After a failure of its first child comes the second, then the first again, in one tick."""
     stage = Stage("recovery 2 { A B }", A="RFRS", B="RS")
@@ -337,7 +373,7 @@ def test_nav2_composites_observe_no_guard(head: str) -> None:
 
 def test_seconds_are_whole_ticks() -> None:
     """As many ticks as reach the time: 1.1 s are eleven of 0.1 s, without rounding errors."""
-    assert [SecondsArgs(s).ticks(0.1) for s in (0.01, 0.3, 1.1, 1.11)] == [1, 3, 11, 12]
+    assert [ticks_of(s, 0.1) for s in (0.01, 0.3, 1.1, 1.11)] == [1, 3, 11, 12]
 
 
 def test_repeater_fails_with_its_child() -> None:

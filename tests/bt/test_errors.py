@@ -30,7 +30,7 @@ WRONG = [
         27,
         ["no more children", "Expected }"],
     ),
-    ("selector [ PatrolWaypoint ]", 1, 10, ["character '['", "U+005B"]),
+    ("selector [ PatrolWaypoint ]", 1, 10, ["unexpected '['", "Did you mean {?"]),
     ("selector ( PatrolWaypoint )", 1, 10, ["'('", "Expected {"]),
     ("when foundGarbage and { PatrolWaypoint }", 1, 23, ["a key: batteryLevel", "not or ("]),
     ("when (foundGarbage { PatrolWaypoint }", 1, 20, ["'{'", "Expected"]),

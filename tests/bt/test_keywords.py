@@ -12,7 +12,6 @@ from islandgp.bt.core.vocabulary import Action, Vocabulary, enumeration, flag
 from islandgp.bt.export import behaviortree_cpp, py_trees
 from islandgp.bt.export.declared import declared
 from islandgp.bt.export.import_cpp import read_tree
-from islandgp.bt.export.json import from_json, to_json
 from islandgp.errors import TreeError
 from tests.bt.test_declarations import grammar_keywords
 
@@ -48,7 +47,6 @@ def test_a_keyword_as_a_name(word: str) -> None:
     tree = parse(f"domain {word} subtree {word} = {guard} use {word}", vocabulary)
     assert to_text(parse(to_text(tree), vocabulary)) == to_text(tree)
     assert parse(format_text(guard), vocabulary) == tree
-    assert from_json(to_json(tree), vocabulary) == tree
     assert read_tree(behaviortree_cpp.to_xml(tree, vocabulary), vocabulary).tree == tree
     assert "mode" in py_trees.to_python(tree, vocabulary)
 

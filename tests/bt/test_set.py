@@ -19,7 +19,6 @@ from islandgp.bt.core.vocabulary import Action, Key, Vocabulary, enumeration, fl
 from islandgp.bt.export.behaviortree_cpp import to_xml
 from islandgp.bt.export.declared import declared
 from islandgp.bt.export.import_cpp import read_tree
-from islandgp.bt.export.json import from_json, to_json
 from islandgp.bt.export.py_trees import to_python
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import DomainError, TreeError
@@ -62,7 +61,6 @@ def test_an_assignment_is_read_and_written_everywhere(assignment: str) -> None:
     tree = parse(f"set {assignment}", BOT)
     assert to_text(tree) == f"set {assignment}\n" == format_text(f"set  {assignment} ")
     assert parse(to_text(tree)) == parse(f"set {assignment}")
-    assert from_json(to_json(tree), BOT) == tree
     assert read_tree(to_xml(tree, BOT), BOT).tree == tree
     assert f"SetKey('set {assignment}'" in to_python(tree, BOT)
     assert numbers_of(f"sequence {{ set {assignment} }}", BOT) == []
@@ -203,7 +201,6 @@ def test_arguments_of_keys_in_other_tools() -> None:
     tree = parse('Go(to: "{place}", speed: "{gap}")', BOT)
     assert '<Go to="{place}" speed="{gap}"/>' in to_xml(tree, BOT)
     assert read_tree(to_xml(tree, BOT), BOT).tree == tree
-    assert from_json(to_json(tree), BOT) == tree
     with pytest.raises(DomainError, match="export it as XML"):
         to_python(tree, BOT)
 

@@ -29,7 +29,6 @@ from islandgp.bt.core.vocabulary import (
 from islandgp.bt.export.behaviortree_cpp import to_xml
 from islandgp.bt.export.declared import declared
 from islandgp.bt.export.import_cpp import read_tree
-from islandgp.bt.export.json import from_json, to_json
 from islandgp.errors import DomainError, TreeError
 from islandgp.gp.random_trees import ConditionSettings, TreeSettings, TreeSpace, random_tree
 from islandgp.gp.variation import MUTATIONS, MutationSettings, mutate
@@ -106,7 +105,6 @@ def test_texts_and_files_keep_them() -> None:
     assert keys_in(tree) == ("mode", "charge", "reserve", "before")
     assert to_text(read(to_text(tree))) == to_text(tree) == format_text(TREE)
     assert to_text(parse(TREE)) == to_text(tree)
-    assert from_json(to_json(tree), BOT) == tree
     xml = to_xml(tree, BOT)
     assert "mode == 'docking'" in xml
     assert to_text(read_tree(xml, BOT, name="t.xml").tree) == to_text(tree)

@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck, given
+from hypothesis import HealthCheck
 from hypothesis import strategies as st
 
 from islandgp.bt.core.format import format_text
 from islandgp.bt.core.language import parse, to_text
-from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node
+from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS
 from islandgp.bt.core.parameters import one_of, real, switch, whole
 from islandgp.bt.core.parameters import text as text_argument
 from islandgp.bt.core.vocabulary import Action, Vocabulary, condition_leaf, enumeration, number
@@ -20,7 +20,6 @@ from islandgp.bt.export import behaviortree_cpp, py_trees
 from islandgp.bt.export.behaviortree_cpp import to_xml
 from islandgp.bt.export.declared import declared
 from islandgp.bt.export.import_cpp import read_tree
-from islandgp.bt.export.json import from_json, to_json
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import DomainError, TreeError
 from islandgp.resources import resource
@@ -35,13 +34,6 @@ TREES = nodes(few_numbers(), max_leaves=10, max_repeats=3, timed=False, nav2=Fal
 FEW = examples(
     max_examples=300, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow]
 )
-
-
-@examples(max_examples=200)
-@given(tree=nodes())
-def test_json_is_lossless(tree: Node) -> None:
-    """Every tree of the language comes back from JSON as it was."""
-    assert from_json(to_json(tree)) == tree
 
 
 WRONG_XML = {
@@ -262,49 +254,18 @@ def test_foreign_xml() -> None:
 
 CHILD = '"children": [{"kind": "action", "args": {"name": "SeekCharger"}}]'
 SUM = '{"key": "lap+1", "operator": "<", "number": 3}'
-WRONG_JSON = {
-    "{": "t.json:1:2: not JSON",
-    "[]": "field required, found []",
-    '{"format": "tree", "tree": 1}': "format: input should be 'islandgp-tree', found 'tree'",
-    '{"format": "islandgp-tree"}': "tree: field required",
-    '{"kind": "selectr"}': "expected nodes of the language, found others: 'selectr'",
-    '{"kind": "selector", "children": []}': "t.json, as text:1:9: the text ends too early",
-    f'{{"kind": "selector", "args": {{"x": 1}}, {CHILD}}}': "tree.args: ",
-    '{"kind": "action", "args": {"name": "Dance"}}': "unknown action 'Dance'",
-    '{"kind": "action", "args": {"name": "a b"}}': "unexpected 'b'",
-    '{"kind": "action"}': "expected nodes of the language",
-    '{"kind": "when", "args": {"condition": 1}}': "tree.args: ",
-    f'{{"kind": "when", "args": {{"condition": {SUM}}}, {CHILD}}}': "sums as `islandgp fmt` writes",
-    f'{{"kind": "repeater", "args": {{"times": 1e300}}, {CHILD}}}': "is out of range",
-    f'{{"kind": "repeater", "args": {{"times": 1e999}}, {CHILD}}}': "1e999 is no number",
-    '{"kind": "action", "args": {"name": "SeekCharger", "speed": 3}}': "tree.args: ",
-    '{"kind": "inverter", "children": [3]}': "tree.children.0: input should be",
-}
-
-
-@pytest.mark.parametrize("text", WRONG_JSON)
-def test_wrong_json(text: str) -> None:
-    """JSON that is no such tree is refused with its place and a reason."""
-    document = f'{{"format": "islandgp-tree", "tree": {text}}}' if "kind" in text else text
-    with pytest.raises(TreeError) as excinfo:
-        from_json(document, VOCABULARY, name="t.json")
-    assert WRONG_JSON[text] in str(excinfo.value)
 
 
 def test_hostile_files() -> None:
-    """A hundred nested levels are read, a hundred thousand are an error like any other."""
-    deep = parse("inverter { " * 99 + "always running" + "}" * 99)
-    assert from_json(to_json(deep)) == deep
+    """A hundred thousand nested levels are an error like any other."""
     with pytest.raises(TreeError):
         main_tree("<Sequence>" * 100_000, VOCABULARY)
-    with pytest.raises(TreeError):
-        from_json('{"format": "islandgp-tree", "tree": ' + "[" * 100_000)
 
 
 def test_commands(islandgp: Cli, tmp_path: Path) -> None:
-    """export chooses the form by the ending, says what it needs; import reads both forms back."""
+    """export chooses the form by the ending, says what it needs; import reads it back."""
     example = resource("grammar") / "examples" / "all_rounder.bt"
-    for name in ("t.json", "t.XML", "t.py"):
+    for name in ("t.XML", "t.py"):
         result = islandgp("export", example, "-o", tmp_path / name)
         assert result.code == 0
         assert ("needs islandgp_nodes.hpp" in result.err) == (name == "t.XML")
@@ -314,11 +275,9 @@ def test_commands(islandgp: Cli, tmp_path: Path) -> None:
     assert "class When" in islandgp("export", "--header").out
     for arguments in ([example], ["--to", "btcpp"]):
         assert "expected --header alone" in islandgp("export", "--header", *arguments).err
-    for name in ("t.json", "t.XML"):
-        result = islandgp("import", tmp_path / name)
-        assert parse(result.out) == parse(example.read_text())
-    refused = islandgp("import", tmp_path / "t.json", "--tree", "T").err
-    assert "expected BehaviorTree.CPP XML with --tree" in refused
+    result = islandgp("import", tmp_path / "t.XML")
+    assert parse(result.out) == parse(example.read_text())
+    assert "expected BehaviorTree.CPP XML" in islandgp("import", tmp_path / "n.bt").err
     assert islandgp("export", example).code == 2
 
 

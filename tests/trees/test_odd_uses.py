@@ -117,7 +117,7 @@ def test_other_encodings_of_lines(islandgp: Cli, folder: Path, command: str, kin
         (["export", "ok.bt", "-o", "no/x.xml"], "found: no folder no"),
         (["export", "ok.bt", "-o", "."], "File '.' is a directory"),
         (["export", "ok.bt", "--to", "pdf"], "'pdf' is not one of 'json', 'btcpp', 'pytrees'"),
-        (["export", "ok.bt", "-o", "x.pdf"], "ends in one of .json, .xml, .py, found x.pdf"),
+        (["export", "ok.bt", "-o", "x.pdf"], "ends in one of .xml, .py, found x.pdf"),
         (["export", "ok.bt"], "expected --to with one of json, btcpp, pytrees, or a name after -o"),
         (["export", "ok.bt", "--to", "btcpp", "-o", "ok.bt"], "found ok.bt itself"),
         (["simplify", "ok.bt", "-o", "./ok.bt"], "found ./ok.bt itself"),

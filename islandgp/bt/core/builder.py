@@ -15,13 +15,14 @@ from dataclasses import dataclass
 from textwrap import shorten
 from typing import Any, Final
 
-from islandgp.bt.core.comments import NODES, comments_in
 from islandgp.bt.core.includes import ParsedFile
+from islandgp.bt.core.kinds import KINDS, NODES
 from islandgp.bt.core.node import (
     Comments,
+    MarkedNode,
     Node,
     NodeMark,
-    UseArgs,
+    WrittenArgs,
     as_subtree,
     leaf,
     marked,
@@ -47,6 +48,7 @@ class Template:
     """The definition of a subtree."""
 
     parameters: Sequence[str]
+    defaults: Mapping[str, Word]  # of the last ones
     body: Tree
     source: Source
     node: Node  # without parameters: the subtree, else with open ones
@@ -80,7 +82,7 @@ class Builder(NodeBuilder):
         super().__init__(vocabulary, named=named)
         self.definitions: list[tuple[str, Token]] = []  # of the last file: (kind, name)
         self.bodies: list[Node] = []  # of the last file's subtrees
-        self._errors, self._marks, self._written = errors, marks, written
+        self._errors, self._marks, self.written = errors, marks, written
         self._comments: dict[tuple[str, int], Comments] = {}  # by the name and place in a text
         self._later: set[str] = set()  # subtrees that are not yet defined
         self._name = ""  # of the subtree that is being defined
@@ -94,7 +96,9 @@ class Builder(NodeBuilder):
             self.source, trees = part.source, part.tree.children
             self.definitions, self.bodies, node = [], [], NO_TREE
             if self._marks:
-                found = comments_in(part.source.text, part.tree, blank_lines=self._written)
+                from islandgp.bt.core.comments import comments_in  # only for trees in files
+
+                found = comments_in(part.source.text, part.tree, blank_lines=self.written)
                 self._comments |= {(part.source.name, at): each for at, each in found.items()}
             self._later = {str(each.children[0]) for each in trees if each.data == "subtree"}
             for tree in trees:
@@ -116,8 +120,20 @@ class Builder(NodeBuilder):
             self.constants[str(name)] = self.constants.get(word.text, word)
             return
         *before, body = parts
-        tokens = before[0].children if before else []
+        pairs = [each.children for each in before[0].children] if before else []
+        tokens = [token for token, *_ in pairs]
+        defaults = {
+            str(token): self.passed(default[0], f"{token} of {name}")
+            for token, *default in pairs
+            if default
+        }
         for at, parameter in enumerate(tokens):
+            if defaults and parameter not in {*defaults, *tokens[: -len(defaults)]}:
+                raise self.source.error_at(
+                    parameter,
+                    f"parameter {shown(parameter)} has no default, but one before it has",
+                    expected="the parameters with defaults last",
+                )
             if parameter in tokens[:at]:
                 raise self.source.error_at(
                     parameter,
@@ -131,31 +147,43 @@ class Builder(NodeBuilder):
         self.definitions += [("parameter", token) for token in unused]
         self.used -= {("parameter", str(token)) for token in tokens}
         self.bodies.append(node)
-        size = self.nodes, self.levels
-        self.subtrees[str(name)] = Template([*self.values], body, self.source, node, size)
+        size, values = (self.nodes, self.levels), self.values
+        template = Template([*values], defaults, body, self.source, node, size)
+        if defaults:
+            self.inside(body, self.source, {**values, **defaults}, 1, name)  # raises their errors
+        self.subtrees[str(name)] = template
         self.values, self._name = {}, ""
         self._later.discard(str(name))
 
     def _whole(self, tree: Tree) -> Node:
         self.nodes = self.levels = 0
-        return self._node(tree, 1)
+        return self.node(tree, 1)
 
-    def _node(self, tree: Tree, level: int) -> Node:
+    def node(self, tree: Tree, level: int) -> Node:
         """A node with its children, on a level of the whole tree."""
         kind, parts = str(tree.data), tree.children
         try:
             if kind == "use":
                 return self._use(tree, level)
+            if kind not in KINDS:
+                from islandgp.bt.core.short_forms import BUILDERS  # few trees have them
+
+                node = BUILDERS[kind](self, tree, level)
+                return node if isinstance(node, MarkedNode) else self.marked(node, tree)
             if kind == "action" and parts[0] in self.values:
                 return self._placed(tree, level)
-            self._count(parts[0], level)
+            self.count(parts[0], level)
             node, subtrees = self.head(tree)
         except TreeError as error:
             if self._errors is None or isinstance(error, LimitError):
                 raise
             self._errors.append(error)
             node, subtrees = NO_TREE, [p for p in parts if getattr(p, "data", "") in NODES]
-        node = node._replace(children=tuple([self._node(part, level + 1) for part in subtrees]))
+        node = node._replace(children=tuple([self.node(part, level + 1) for part in subtrees]))
+        return self.marked(node, tree)
+
+    def marked(self, node: Node, tree: Tree) -> Node:
+        """The node with the mark of its place, if nodes are marked."""
         return marked(node, self._mark(tree)) if self._marks else node
 
     def _placed(self, tree: Tree, level: int) -> Node:
@@ -167,9 +195,9 @@ class Builder(NodeBuilder):
             )
         word = self.word(name, NODE)
         if word.type == "NODE":
-            node = self._inside(word.part, word.source, word.values, level, name)
+            node = self.inside(word.part, word.source, word.values, level, name)
         else:
-            self._count(name, level)
+            self.count(name, level)
             node = leaf(word.text) if word.open else self.leaf(word, ())
             if self._marks:
                 mark, token = self._mark(tree), word.token
@@ -180,35 +208,38 @@ class Builder(NodeBuilder):
         return node
 
     def _use(self, tree: Tree, level: int) -> Node:
-        name, *passed = tree.children
+        name, *given = tree.children
         if name not in self.subtrees:
             raise self._unknown_subtree(name)
         self.used.add(("subtree", str(name)))
         template: Template = self.subtrees[name]
-        parameters, arguments = template.parameters, passed[0].children if passed else []
-        if len(arguments) != len(parameters):
+        parameters, arguments = template.parameters, given[0].children if given else []
+        most, least = len(parameters), len(parameters) - len(template.defaults)
+        if not least <= len(arguments) <= most:
             raise self.source.error_at(
                 name,
-                f"subtree {name} takes {len(parameters)} argument{'s' * (len(parameters) != 1)},"
-                f" found {len(arguments)}",
+                f"subtree {name} takes {f'{least} to ' * (least < most)}{most}"
+                f" argument{'s' * (most != 1)}, found {len(arguments)}",
                 expected=f"`use {use_text(name, parameters)}`",
             )
-        texts = [self._argument_text(each) for each in arguments] if self._marks else []
-        if self._written:
-            self._count(name, level)
-            return marked(Node("use", UseArgs(str(name), tuple(texts))), self._mark(tree))
-        if arguments:
-            values = {
-                parameter: self._passed(argument, f"{parameter} of {name}")
-                for parameter, argument in zip(parameters, arguments, strict=True)
+        texts = [self.argument_text(each) for each in arguments] if self._marks else []
+        if self.written:
+            self.count(name, level)
+            head = f"use {use_text(str(name), texts)}"
+            return marked(Node("use", WrittenArgs(head)), self._mark(tree))
+        if parameters:
+            given = {
+                parameter: self.passed(argument, f"{parameter} of {name}")
+                for parameter, argument in zip(parameters, arguments, strict=False)
             }
-            node = self._inside(template.body, template.source, values, level, name)
+            values = {**template.defaults, **given}
+            node = self.inside(template.body, template.source, values, level, name)
         else:
-            self._count(name, level, *template.size)
+            self.count(name, level, *template.size)
             node = template.node
         return as_subtree(node, use_text(name, texts), self._mark(tree)) if self._marks else node
 
-    def _passed(self, argument: Any, parameter: str) -> Word:
+    def passed(self, argument: Any, parameter: str) -> Word:
         """The argument that is passed for a parameter; `parameter`: as messages call it."""
         word = None
         if getattr(argument, "type", "") == "NAME":
@@ -219,7 +250,7 @@ class Builder(NodeBuilder):
             self.used.add(("parameter", word.text))
         return word
 
-    def _inside(
+    def inside(
         self, tree: Tree, source: Source, values: Mapping[str, Word], level: int, name: Token
     ) -> Node:
         """Build a tree that is written in another place, for the word `name`."""
@@ -228,27 +259,32 @@ class Builder(NodeBuilder):
         if self._open > _MAX_OPEN:
             raise self._too_large(name, "the subtrees are used too deeply in each other")
         self.source, self.values = source, values
-        node = self._node(tree, level)
+        node = self.node(tree, level)
         self.source, self.values = outside
         self._open -= 1
         return node
 
-    def _argument_text(self, argument: Any) -> str:
+    def parameter_text(self, parameter: Tree) -> str:
+        """A parameter with its default as it is written."""
+        name, *default = parameter.children
+        return " = ".join([str(name), *map(self.argument_text, default)])
+
+    def argument_text(self, argument: Any) -> str:
         """An argument as it is written, or in the name of a subtree."""
         if hasattr(argument, "data"):
             name, *passed = argument.children
             if argument.data == "action":
                 return head(self.head(argument)[0])
-            inner = passed[0].children if passed and self._written else ()
-            return f"use {use_text(str(name), [self._argument_text(each) for each in inner])}"
+            inner = passed[0].children if passed and self.written else ()
+            return f"use {use_text(str(name), [self.argument_text(each) for each in inner])}"
         if argument.type == "NAME" and argument in self.values:
             word = self.values[argument]
             return f"use {word.text}" if getattr(word.part, "data", "") == "use" else word.text
         if argument.type == "NUMBER" or argument in self.constants:
             return number_text(self.number(argument))
-        return str(argument) if self._written else str(argument).strip('"')
+        return str(argument) if self.written else str(argument).strip('"')
 
-    def _count(self, token: Token, level: int, nodes: int = 1, levels: int = 1) -> None:
+    def count(self, token: Token, level: int, nodes: int = 1, levels: int = 1) -> None:
         self._steps += 1
         self.nodes += nodes
         self.levels = max(self.levels, level + levels - 1)

@@ -19,7 +19,6 @@ from islandgp.bt.core.node import (
     Node,
     ParallelArgs,
     SetArgs,
-    count_of,
     guard_of,
 )
 
@@ -147,6 +146,40 @@ def reactive(advance_status: int) -> Maker:
     return make
 
 
+def random_selector(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
+    """Tries its children in an order that it draws when it starts."""
+    order = compiler.order(len(node.children))
+    branches, _positions = compiler.children(node)
+    waiting: list[int] = []  # the indices of the running child and those after it
+
+    def tick(fresh: bool) -> int:
+        if fresh:
+            waiting[:] = order()
+        while (status := branches[waiting[0]](fresh)) == FAILURE and len(waiting) > 1:
+            del waiting[0]
+            fresh = True
+        return status
+
+    return tick
+
+
+def if_else(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
+    """Runs its first child, then the second or the third."""
+    branches, _positions = compiler.children(node)
+    current = 0
+
+    def tick(fresh: bool) -> int:
+        nonlocal current
+        current = 0 if fresh else current
+        status = branches[current](fresh)
+        if current or status >= RUNNING:
+            return status
+        current = 1 if status == SUCCESS else 2
+        return branches[current](True) if current < len(branches) else FAILURE
+
+    return tick
+
+
 def parallel(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
     """Ticks all children; succeeds after enough successes, fails after enough failures."""
     assert isinstance(node.args, ParallelArgs)
@@ -198,14 +231,16 @@ def repeating(counted: int) -> Maker:
     """Repeats its child, once a tick, until enough ends with the status `counted`."""
 
     def make(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
-        (child, _), count = compiler.child(node, observed), count_of(node)
+        (child, _), count = compiler.child(node, observed), compiler.count(node)
         remaining = 0.0  # ends with this status until the repeater ends
         due = False  # True: the next tick starts a repetition
 
         def tick(fresh: bool) -> int:
             nonlocal remaining, due
             if fresh:
-                remaining = count
+                remaining = count()
+                if remaining < 1:  # a key: no repetition at all
+                    return counted
             status = child(fresh or due)
             due = False
             if status == counted:
@@ -225,7 +260,7 @@ def wait(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
 
     def tick(fresh: bool) -> int:
         nonlocal remaining
-        remaining = ticks if fresh else remaining - 1
+        remaining = ticks() if fresh else remaining - 1
         return AGAIN if remaining > 0 else child(remaining == 0)
 
     return tick
@@ -239,7 +274,7 @@ def timeout(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
 
     def tick(fresh: bool) -> int:
         nonlocal remaining
-        remaining = ticks if fresh else remaining - 1
+        remaining = ticks() if fresh else remaining - 1
         if remaining == 0:
             stop(*span)
             return FAILURE
@@ -260,7 +295,7 @@ def cooldown(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
             return FAILURE
         status = child(fresh)
         if status < RUNNING:
-            ready = compiler.now + ticks
+            ready = compiler.now + ticks()
         return status
 
     return tick

@@ -12,11 +12,8 @@ from collections import defaultdict
 from collections.abc import Iterator
 from typing import Any, Final, NamedTuple
 
-from islandgp.bt.core.kinds import KINDS
+from islandgp.bt.core.kinds import NODES
 from islandgp.bt.core.node import Comments
-
-NODES: Final = (*KINDS, "use")
-"""The rules of the grammar that are nodes."""
 
 _ITEM: Final = re.compile(r'"[^"\n]*"|#[^\n]*|^[ \t]*$', re.MULTILINE)
 
@@ -60,7 +57,7 @@ def comments_in(text: str, file: Any, *, blank_lines: bool = False) -> dict[int,
 
 
 def _edges(text: str, file: Any) -> Iterator[_Edge]:
-    code = _ITEM.sub(lambda match: match[0] if match[0][:1] == '"' else " " * len(match[0]), text)
+    code = _ITEM.sub(lambda match: " " * len(match[0]), text)
     waiting = [*file.children]
     while waiting:
         tree = waiting.pop()

@@ -3,11 +3,22 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, MutableSequence
-from typing import Final, NamedTuple, SupportsFloat, TypeAlias, cast
+from dataclasses import dataclass, field
+from math import inf
+from typing import Any, Final, NamedTuple, SupportsFloat, TypeAlias, cast
 
 from islandgp.bt.core.condition import Board, Condition, ConditionExpr, assigned_value, condition
-from islandgp.bt.core.node import RUNNING, ActionArgs, Node, SecondsArgs
+from islandgp.bt.core.node import (
+    RUNNING,
+    SECONDS,
+    ActionArgs,
+    CountArgs,
+    Node,
+    SecondsArgs,
+    ticks_of,
+)
 from islandgp.errors import DomainError
+from islandgp.seeding import Stream, stream
 
 ABORTED: Final = 4  # passed to a watch only: the node was running and has been stopped
 
@@ -40,32 +51,31 @@ class Observed:
         return slot
 
 
+@dataclass(slots=True)
 class Compiler:
-    """Compiles nodes; the makers of `closures` call it for their children."""
+    """Compiles nodes; the makers of `closures` call it for their children.
 
-    def __init__(
-        self,
-        maker_of: Callable[[Node], Maker],
-        actions: Actions,
-        board: Board,
-        key_index: Mapping[str, int],
-        watch: Watch | None,
-        step_s: SupportsFloat | None,
-    ) -> None:
-        """Takes the arguments of `engine.compile_tree`, and the maker of each node."""
-        self._maker_of, self._actions, self._watch = maker_of, actions, watch
-        self._board, self._key_index, self._step_s = board, key_index, step_s
-        self._running: list[bool] = []  # by position; only for a watch
-        self._stops: list[tuple[int, Callable[[], None]]] = []  # of leaves, by position
-        self.now = 0  # number of the tick; counted only in a tree that `needs_each_tick`
-        self.changed_midtick = False
-        """True: in this tick an action was RUNNING and then aborted, or a key was written."""
+    Its first fields are the arguments of `engine.compile_tree`, and the kinds of nodes.
+    """
+
+    _kinds: Mapping[str, Any]  # each has its maker as `tick`
+    _actions: Actions
+    _board: Board
+    _key_index: Mapping[str, int]
+    _watch: Watch | None
+    _step_s: SupportsFloat | None
+    _seed: int
+    _running: list[bool] = field(default_factory=list)  # by position; only for a watch
+    _stops: list[tuple[int, Callable[[], None]]] = field(default_factory=list)  # of leaves
+    now: int = 0  # number of the tick; counted only in a tree that `needs_each_tick`
+    changed_midtick: bool = False
+    """True: in this tick an action was RUNNING and then aborted, or a key was written."""
 
     def compile(self, node: Node, observed: Observed | None) -> Tick:
         """The closure of a node; `observed` as in `Maker`."""
         position = len(self._running)
         self._running.append(False)
-        tick = self._maker_of(node)(self, node, observed)
+        tick = self._kinds[node.kind].tick(self, node, observed)
         if (stop := getattr(tick, "stop", None)) is not None:
             self._stops.append((position, stop))
         return tick if self._watch is None else self._watched(tick, position, self._watch)
@@ -112,15 +122,33 @@ class Compiler:
 
         return write
 
-    def ticks(self, node: Node) -> int:
-        """The seconds of a node as a number of ticks."""
+    def count(self, node: Node) -> Callable[[], float]:
+        """The function that gives the count of a node; it reads a key."""
+        times = node.args.times if isinstance(node.args, CountArgs) else inf
+        if not isinstance(times, str):
+            return lambda: times
+        board, at = self._board, self._key_index[times]
+        return lambda: board[at]
+
+    def ticks(self, node: Node) -> Callable[[], int]:
+        """The function that gives the seconds of a node as a number of ticks; it reads a key."""
         assert isinstance(node.args, SecondsArgs)
-        if self._step_s is None:
+        if (step_s := self._step_s) is None:
             raise DomainError(
                 f"Expected step_s, the seconds between two ticks, as the tree has a {node.kind};"
                 " found None."
             )
-        return node.args.ticks(self._step_s)
+        seconds, (low, high) = node.args.seconds, SECONDS
+        if not isinstance(seconds, str):
+            ticks = ticks_of(seconds, step_s)
+            return lambda: ticks
+        board, at = self._board, self._key_index[seconds]
+        return lambda: ticks_of(max(low, min(high, board[at])), step_s)
+
+    def order(self, count: int) -> Callable[[], list[int]]:
+        """The function that draws an order of the children of the node that is compiled."""
+        rng = stream(self._seed, Stream.ORDER, slot=len(self._running))
+        return lambda: rng.permutation(count).tolist()
 
     def _watched(self, tick: Tick, position: int, watch: Watch) -> Tick:
         running = self._running

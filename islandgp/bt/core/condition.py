@@ -199,38 +199,46 @@ def condition(
     """
     numbers = [term.number for term in terms(expr)]
     names = iter(_NUMBERS[: len(numbers)])
-    return _compiled(_source(expr, key_index, names), len(numbers))(board, *numbers)
+    text = source(expr, _on_board(key_index), lambda _: next(names))
+    return _compiled(text, len(numbers))(board, *numbers)
 
 
 def assigned_value(
     assigned: Condition, board: Board, key_index: Mapping[str, int]
 ) -> Callable[[], float]:
     """The value that a key gets: the right side of an assignment."""
-    value = _side(assigned.other, key_index) if assigned.other else _NUMBERS[0]
+    value = _NUMBERS[0]
+    if assigned.other:
+        value = side_source(assigned.other, _on_board(key_index))
     return _compiled(value, 1)(board, float(assigned.number))
+
+
+def _on_board(key_index: Mapping[str, int]) -> Callable[[str], str]:
+    return lambda key: f"board[{key_index[key]:d}]"
 
 
 _NUMBERS: Final = [f"n{index}" for index in range(100)]
 """Names of the numbers of a condition in Python source, so that they are no part of it."""
 
 
-def _source(expr: ConditionExpr, key_index: Mapping[str, int], names: Iterator[str]) -> str:
-    """The condition as Python source."""
+def source(
+    expr: ConditionExpr, of_key: Callable[[str], str], of_number: Callable[[float], str]
+) -> str:
+    """The condition as Python source, with those of the values of keys and of numbers."""
     if isinstance(expr, Condition):
         operator = {"is": "!=", "not": "=="}.get(expr.operator, expr.operator)
         if operator not in OPERATORS:
             raise ValueError(f"Expected an operator of conditions, found {expr.operator!r}.")
-        number = next(names)
-        right = _side(expr.other, key_index) if expr.other else number
-        return f"({_side(expr.key, key_index)} {operator} {right})"
-    parts = [_source(part, key_index, names) for part in expr.parts]
+        number = of_number(expr.number)
+        right = side_source(expr.other, of_key) if expr.other else number
+        return f"({side_source(expr.key, of_key)} {operator} {right})"
+    parts = [source(part, of_key, of_number) for part in expr.parts]
     return f"(not {parts[0]})" if expr.word == "not" else f"({f' {expr.word} '.join(parts)})"
 
 
-def _side(side: str, key_index: Mapping[str, int]) -> str:
+def side_source(side: str, of_key: Callable[[str], str]) -> str:
     """A key or a Formula as Python source."""
-    term = side.term if isinstance(side, Formula) else side
-    return python(term, lambda key: f"board[{key_index[key]:d}]")
+    return python(side.term if isinstance(side, Formula) else side, of_key)
 
 
 @lru_cache(maxsize=1024)

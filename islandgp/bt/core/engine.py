@@ -13,7 +13,7 @@ from typing import SupportsFloat
 
 from islandgp.bt.core.compiler import ABORTED, Actions, Compiler, Tick, Watch
 from islandgp.bt.core.condition import Board, condition
-from islandgp.bt.core.kinds import kind_of, needs_each_tick
+from islandgp.bt.core.kinds import KINDS, needs_each_tick
 from islandgp.bt.core.node import AGAIN, RUNNING, Node
 
 __all__ = ["ABORTED", "Board", "Tick", "Watch", "compile_tree", "condition"]
@@ -27,6 +27,7 @@ def compile_tree(
     *,
     watch: Watch | None = None,
     step_s: SupportsFloat | None = None,
+    seed: int = 0,
 ) -> Callable[[], int]:
     """Compiles a tree to a function that ticks it once.
 
@@ -44,6 +45,7 @@ def compile_tree(
             `fresh` True at its next start.
         step_s: seconds between two ticks, > 0; required if the tree counts seconds. A tree that
             `needs_each_tick` has to be ticked in each step.
+        seed: of the orders that a random_selector draws, e.g. that of the episode.
 
     Returns:
         The tick function. It returns FAILURE, SUCCESS, RUNNING or AGAIN. After RUNNING a caller may
@@ -54,7 +56,7 @@ def compile_tree(
         KeyError: an action of the tree is missing in `actions`, or a key in `key_index`.
         DomainError: the tree counts seconds, and `step_s` is None.
     """
-    compiler = Compiler(lambda node: kind_of(node).tick, actions, board, key_index, watch, step_s)
+    compiler = Compiler(KINDS, actions, board, key_index, watch, step_s, seed)
     root = compiler.compile(tree, None)
     fresh, timed = True, needs_each_tick(tree)
 

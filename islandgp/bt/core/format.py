@@ -11,7 +11,7 @@ from __future__ import annotations
 from pathlib import Path
 
 from islandgp.bt.core.builder import Builder
-from islandgp.bt.core.comments import NODES
+from islandgp.bt.core.kinds import NODES
 from islandgp.bt.core.language import MAX_CHARACTERS, files_of, parse
 from islandgp.bt.core.node import Comments
 from islandgp.bt.core.printer import number_text, use_text, written_lines
@@ -39,7 +39,7 @@ def format_text(text: str, *, name: str = "<tree>", folder: Path | None = None) 
         comments = builder.comments_at(tree)
         match str(tree.data), tree.children:
             case "subtree", [defined, *parameters, _]:
-                names = [str(token) for each in parameters for token in each.children]
+                names = [builder.parameter_text(p) for each in parameters for p in each.children]
                 part = written_lines(next(bodies), f"subtree {use_text(defined, names)} = ")
             case "constant", [defined, value]:
                 number = value if value.type == "NAME" else number_text(float(value) + 0.0)

@@ -45,7 +45,8 @@ class Target(NamedTuple):
 
     tag: str  # of BehaviorTree.CPP; "": there is none
     ports: tuple[str, ...] = ()  # our arguments there, in order
-    python: str = ""  # the text before its children in py_trees; "": there is none
+    python: str = ""
+    """Of py_trees: the class, or the text of its call before the children; "": there is none."""
     category: str = ""  # in Groot, Control or Decorator, if it is one of ours; else ""
 
 

@@ -12,7 +12,9 @@ from typing import Final
 from islandgp.bt.core import closures, nav2_closures
 from islandgp.bt.core.kind import Argument, Look, NodeKind, Sort, Target
 from islandgp.bt.core.node import (
+    COUNTS,
     FAILURE,
+    SECONDS,
     SUCCESS,
     ActionArgs,
     AlwaysArgs,
@@ -22,6 +24,7 @@ from islandgp.bt.core.node import (
     ParallelArgs,
     SecondsArgs,
     SetArgs,
+    keys_of,
     walk,
 )
 
@@ -42,12 +45,8 @@ ALWAYS: Final = {
     "running": "runs until it is stopped",
 }
 """Statuses of an `always`, with their meanings."""
-COUNTS: Final = (1, 1_000_000)
-"""Fewest and most repetitions, or children that decide."""
 REPEATS: Final = (1, 100)
 """`COUNTS` in evolution and prompts."""
-SECONDS: Final = (0.001, 100_000)
-"""Shortest and longest time, in s."""
 
 
 def _in_ticks(tag: str) -> Target:
@@ -65,12 +64,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         advance_status=FAILURE,
         dual="sequence",
         stock=Target("Fallback", (), "Selector('selector', memory=True, children=["),
-        ours=Target(
-            "InterruptibleFallback",
-            (),
-            "InterruptibleSelector('selector', children=[",
-            "Control",
-        ),
+        ours=Target("InterruptibleFallback", (), "InterruptibleSelector", "Control"),
     ),
     "sequence": NodeKind(
         paper=True,
@@ -81,12 +75,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         advance_status=SUCCESS,
         dual="selector",
         stock=Target("Sequence", (), "Sequence('sequence', memory=True, children=["),
-        ours=Target(
-            "InterruptibleSequence",
-            (),
-            "InterruptibleSequence('sequence', children=[",
-            "Control",
-        ),
+        ours=Target("InterruptibleSequence", (), "InterruptibleSequence", "Control"),
     ),
     "parallel": NodeKind(
         paper=True,
@@ -118,7 +107,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         tick=closures.ending((SUCCESS, FAILURE)),
         look=Look("\N{NOT SIGN}", "red", "#fbe3d6", "#d55e00"),
         ends=(SUCCESS, FAILURE),
-        stock=Target("Inverter", (), "Inverter('inverter', child="),
+        stock=Target("Inverter", (), "Inverter"),
     ),
     "repeater": NodeKind(
         paper=True,
@@ -150,14 +139,14 @@ KINDS: Final[dict[str, NodeKind]] = {
         tick=closures.ending((SUCCESS, SUCCESS)),
         look=Look("\N{CHECK MARK}", "green", "#e3f3df", "#3f7f2f"),
         ends=(SUCCESS, SUCCESS),
-        stock=Target("ForceSuccess", (), "FailureIsSuccess('force_success', child="),
+        stock=Target("ForceSuccess", (), "FailureIsSuccess"),
     ),
     "force_failure": NodeKind(
         meaning="turns success into failure",
         tick=closures.ending((FAILURE, FAILURE)),
         look=Look("\N{BALLOT X}", "red", "#fbe0e0", "#b02f2f"),
         ends=(FAILURE, FAILURE),
-        stock=Target("ForceFailure", (), "SuccessIsFailure('force_failure', child="),
+        stock=Target("ForceFailure", (), "SuccessIsFailure"),
     ),
     "reactive_selector": NodeKind(
         meaning="tries its children in order in each tick until one does not fail",
@@ -218,6 +207,24 @@ KINDS: Final[dict[str, NodeKind]] = {
         opaque=True,
         stock=Target("PipelineSequence"),
     ),
+    "random_selector": NodeKind(
+        meaning="tries its children in an order that it draws at each start until one succeeds, as"
+        " NPBehave's RandomSelector",
+        children=(1, UNLIMITED),
+        tick=closures.random_selector,
+        look=Look("?\N{GAME DIE}", "bold cyan", "#d7ecfa", "#0072b2"),
+        opaque=True,
+        remembers_end=True,
+    ),
+    "if_else": NodeKind(
+        meaning="runs its first child; after a success the second, after a failure the third, as"
+        " BehaviorTree.CPP's IfThenElse",
+        children=(2, 3),
+        tick=closures.if_else,
+        look=Look("\N{DOWNWARDS ARROW WITH TIP LEFTWARDS}", "yellow", "#fdf0cf", "#b57a00"),
+        opaque=True,
+        stock=Target("IfThenElse"),
+    ),
     "round_robin": NodeKind(
         meaning="tries its children in turn, beginning after the one that succeeded last, as Nav2's"
         " RoundRobin",
@@ -244,7 +251,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         tick=closures.repeating(SUCCESS),
         look=Look("\N{INFINITY}", "magenta", "#efe3f5", "#7f4fa3"),
         counts=SUCCESS,
-        stock=Target("KeepRunningUntilFailure", (), "SuccessIsRunning('until_failure', child="),
+        stock=Target("KeepRunningUntilFailure", (), "SuccessIsRunning"),
     ),
     "until_success": NodeKind(
         meaning="repeats its child until it succeeds",
@@ -323,7 +330,13 @@ RESERVED: Final = frozenset((
 ))  # fmt: skip
 """No action or key can have such a name. Other keywords are names where the grammar expects one."""
 
-CALLABLE: Final = frozenset(KEYWORDS) - {"when"}
+SHORT: Final = ("for", "switch")
+"""Keywords of what is expanded to several nodes."""
+
+NODES: Final = (*KINDS, *SHORT, "use", "case", "otherwise")
+"""The rules of the grammar that are nodes."""
+
+CALLABLE: Final = frozenset((*KEYWORDS, *SHORT)) - {"when"}
 """Keywords that are the name of an action in front of a parenthesis: `timeout()`."""
 
 COUNTED: Final = tuple(n for n, k in KINDS.items() if k.args is CountArgs)
@@ -340,7 +353,7 @@ TARGETS: Final = {
 }
 """The nodes of BehaviorTree.CPP and of our header, by tag: our kind and the node."""
 
-NAV2: Final = frozenset(n for n, k in KINDS.items() if k.opaque)
+NAV2: Final = frozenset(("pipeline", "round_robin", "recovery", "every"))
 """The kinds with an equivalent in Nav2 only."""
 
 
@@ -357,5 +370,11 @@ def advance_status(node: Node) -> int:
 
 
 def needs_each_tick(tree: Node) -> bool:
-    """True if a tree has a node that counts seconds or remembers its last status."""
-    return any(node.kind in TIMED or kind_of(node).remembers_end for node in walk(tree))
+    """True if a tree has a node that counts seconds, or the next ticks may differ although no
+    condition changes: it remembers its last status, or its count is a key."""
+    return any(
+        node.kind in TIMED
+        or kind_of(node).remembers_end
+        or (isinstance(node.args, CountArgs) and keys_of(node.args))
+        for node in walk(tree)
+    )

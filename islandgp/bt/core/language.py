@@ -20,7 +20,7 @@ from islandgp.bt.core.condition import ConditionExpr
 from islandgp.bt.core.includes import MAX_CHARACTERS as MAX_CHARACTERS
 from islandgp.bt.core.includes import ParsedFile, load_includes
 from islandgp.bt.core.kind import Sort
-from islandgp.bt.core.kinds import CALLABLE, KEYWORDS, KINDS
+from islandgp.bt.core.kinds import CALLABLE, KEYWORDS, KINDS, SHORT, UNLIMITED
 from islandgp.bt.core.node import Node, Place, guard_of, marks_of
 from islandgp.bt.core.node_builder import MAX_NUMBER as MAX_NUMBER
 from islandgp.bt.core.printer import lines_of
@@ -277,7 +277,8 @@ def _parser(placed: bool = False) -> Lark:  # to know all places takes a third l
 
 def _kind_rules() -> Iterator[str]:
     """The keywords of all kinds, and the rules of those that are not in the file."""
-    children = {(0, 0): "", (1, 1): "_child", (2, 2): '"{" _node _node "}"'}
+    for name in SHORT:
+        yield f"%override {name.upper()}.1: /{name}\\b(?!{_CALL})/"
     for name in KEYWORDS:
         kind = KINDS[name]
         behind = f"(?!{_CALL})" if name in CALLABLE else ""
@@ -291,7 +292,11 @@ def _kind_rules() -> Iterator[str]:
             for a in kind.arguments
         ]
         parts = [name.upper(), *map("({})".format, arguments)]
-        parts.append(children.get(kind.children, "_children"))
+        fewest, most = kind.children
+        if most == UNLIMITED:
+            parts.append("_children")
+        elif most:
+            parts.append(f'"{{" {"_node " * fewest}{"_node? " * (most - fewest)}"}}"')
         yield f"%extend _node: {name}"
         yield f"{name}: {' '.join(parts)}"
         words = {word for argument in kind.arguments for word in argument.words}

@@ -9,7 +9,7 @@ from textwrap import shorten
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from islandgp.bt.core.condition import OPERATORS
-from islandgp.bt.core.kinds import KEYWORDS, KINDS
+from islandgp.bt.core.kinds import KEYWORDS, KINDS, SHORT
 from islandgp.bt.core.parameters import Parameter, value_range
 from islandgp.bt.core.source import Source, Word, closest, shown
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Key, Vocabulary
@@ -19,12 +19,12 @@ if TYPE_CHECKING:
     from lark import Token
     from lark.exceptions import UnexpectedInput
 
-NODE_WORDS: Final = (*KEYWORDS, "use")
+NODE_WORDS: Final = (*KEYWORDS, *SHORT, "use")
 
 FOREIGN_WORDS: Final = {
     "fallback": "selector", "priority": "selector", "reactivefallback": "reactive_selector",
-    "if": "when", "while": "when", "guard": "when", "condition": "when", "switch": "when",
-    "loop": "repeater", "delay": "wait", "sleep": "wait", "invert": "inverter",
+    "if": "when", "while": "when", "guard": "when", "condition": "when", "ifthenelse": "if_else",
+    "loop": "repeater", "foreach": "for", "delay": "wait", "sleep": "wait", "invert": "inverter",
     "retryuntilsuccessful": "retry", "ratecontroller": "every", "pipelinesequence": "pipeline",
     "subtree": "use", "subtreeplus": "use", "const": "constant", "def": "subtree",
     **dict.fromkeys(("else", "elif", "elseif"), "selector { when ... { ... } ... }"),
@@ -46,6 +46,7 @@ _SIGNS: Final = {
 
 _SPELLING: Final = {
     "NUMBER": "a number", "LBRACE": "{", "RBRACE": "}", "EQUAL": "=", "LPAR": "(", "RPAR": ")",
+    "LSQB": "[", "RSQB": "]",
     "COMMA": ",", "COLON": ":", "FILE": 'a file such as "lib.bt"', "$END": "the end of the text",
     "OPERATOR": " ".join(OPERATORS),
 }  # fmt: skip
@@ -90,11 +91,14 @@ def wrong_operand(
     )
 
 
-def unknown_constant(word: Word, constants: Collection[str]) -> TreeError:
-    """The error for an unknown name of a number."""
+def unknown_constant(
+    word: Word, constants: Collection[str], keys: Collection[str] = ()
+) -> TreeError:
+    """The error for an unknown name of a number; `keys` can stand there, too."""
     names = [*word.values, *constants]
     expected = f"a number or a constant that is defined above ({_listing(names)})"
-    return _unknown(word, "constant", expected, names)
+    expected += f", or a key: {_listing(keys)}" * bool(keys)
+    return _unknown(word, "constant", expected, [*names, *keys])
 
 
 def unknown_argument(word: Word, action: str, parameters: Mapping[str, Parameter]) -> TreeError:
@@ -300,6 +304,8 @@ def _instead(fault: _Fault) -> str:
     for signs in (text[start : start + 2], text[max(0, start - 1) : start + 1]):
         if len(signs) == 2 and signs in _SIGNS:
             return _SIGNS[signs]
+    if token in ("[", "]") and accepted.isdisjoint(("LSQB", "RSQB")):
+        return _SIGNS[str(token)]
     if token == "," and "RBRACE" in accepted:
         return _BLANK
     if token == "{" and "COMMA" in accepted:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from islandgp.bt.core.compiler import Compiler, Observed, Tick
-from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node, count_of
+from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node
 
 
 def pipeline(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
@@ -71,13 +71,13 @@ def round_robin(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
 def recovery(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
     """Runs the second child after a failure of the first, and then the first again."""
     (child, remedy), _positions = compiler.children(node)
-    remaining = count = count_of(node)
+    count, remaining = compiler.count(node), 0.0
     recovering = False
 
     def tick(fresh: bool) -> int:
         nonlocal remaining, recovering
         if fresh:
-            remaining, recovering = count, False
+            remaining, recovering = count(), False
         while True:
             if recovering:
                 status = remedy(fresh)
@@ -86,7 +86,7 @@ def recovery(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
                 remaining -= 1
             else:
                 status = child(fresh)
-                if status != FAILURE or remaining == 0:
+                if status != FAILURE or remaining < 1:
                     return status
             recovering, fresh = not recovering, True
 
@@ -111,7 +111,7 @@ def every(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
         before = child(not started)
         started = before >= RUNNING
         if before == SUCCESS:
-            due = compiler.now + ticks
+            due = compiler.now + ticks()
         return before
 
     return tick

@@ -11,7 +11,7 @@ from fractions import Fraction
 from math import ceil, inf
 from typing import Final, NamedTuple, SupportsFloat, TypeAlias
 
-from islandgp.bt.core.condition import Condition, ConditionExpr, terms
+from islandgp.bt.core.condition import Condition, ConditionExpr, combine, opposite, terms
 from islandgp.errors import LimitError
 
 # Statuses are plain integers because a tick is the innermost loop of a run.
@@ -60,20 +60,27 @@ class GuardArgs(NamedTuple):
         return self.abort in ("lower", "both")
 
 
+COUNTS: Final = (1, 1_000_000)
+"""Fewest and most repetitions, or children that decide."""
+SECONDS: Final = (0.001, 100_000)
+"""Shortest and longest time, in s."""
+
+
 class CountArgs(NamedTuple):
     """Arguments of a repeater or a retry."""
 
-    times: float  # a whole number within COUNTS
+    times: float | str  # a whole number within COUNTS, or a key
 
 
 class SecondsArgs(NamedTuple):
     """Arguments of a wait, a timeout or a cooldown."""
 
-    seconds: float  # of the domain's clock, within SECONDS
+    seconds: float | str  # of the domain's clock, within SECONDS, or a key
 
-    def ticks(self, step_s: SupportsFloat) -> int:
-        """The index of the first tick at or after this time; ticks are `step_s` seconds apart."""
-        return max(1, ceil(Fraction(str(self.seconds)) / Fraction(str(step_s))))
+
+def ticks_of(seconds: float, step_s: SupportsFloat) -> int:
+    """The index of the first tick at or after a time; ticks are `step_s` seconds apart."""
+    return max(1, ceil(Fraction(str(seconds)) / Fraction(str(step_s))))
 
 
 Policy: TypeAlias = str | float
@@ -112,11 +119,10 @@ class SetArgs(NamedTuple):
     assigned: Condition  # with the operator =
 
 
-class UseArgs(NamedTuple):
-    """Arguments of a `use` as it is written; an expanded tree has no such node."""
+class WrittenArgs(NamedTuple):
+    """A `use`, `for`, `switch` or case as it is written; an expanded tree has no such node."""
 
-    name: str  # of the subtree
-    arguments: tuple[str, ...] = ()  # as they are written
+    head: str  # before its brace
 
 
 Args: TypeAlias = (
@@ -128,7 +134,7 @@ Args: TypeAlias = (
     | ParallelArgs
     | AlwaysArgs
     | SetArgs
-    | UseArgs
+    | WrittenArgs
 )
 
 
@@ -157,8 +163,9 @@ def guard_of(node: Node) -> GuardArgs:
 
 
 def count_of(node: Node) -> float:
-    """The count of a node whose kind counts; infinite without an argument."""
-    return int(node.args.times) if isinstance(node.args, CountArgs) else inf
+    """The count of a node whose kind counts; infinite without one, or if it is a key."""
+    times = node.args.times if isinstance(node.args, CountArgs) else inf
+    return inf if isinstance(times, str) or times == inf else int(times)
 
 
 def leaf(name: str) -> Node:
@@ -179,6 +186,14 @@ def selector(*children: Node) -> Node:
 def sequence(*children: Node) -> Node:
     """A sequence of these branches."""
     return Node("sequence", (), children)
+
+
+def switch(tests: Sequence[ConditionExpr], branches: Sequence[Node]) -> Node:
+    """Guards of branches, one for each condition; a last branch runs while none of them holds."""
+    guards = [guarded(test, branch) for test, branch in zip(tests, branches, strict=False)]
+    if len(branches) > len(tests):
+        guards.append(guarded(opposite(combine("or", tests)), branches[-1], "self"))
+    return selector(*guards)
 
 
 Place: TypeAlias = tuple[str, int, int]
@@ -259,10 +274,21 @@ def walk(node: Node) -> Iterator[Node]:
         pending += node.children[::-1]
 
 
+def keys_of(args: Args) -> tuple[str, ...]:
+    """The keys that a node with these arguments reads or writes, other than those of an action."""
+    match args:
+        case GuardArgs(condition):
+            return tuple([key for term in terms(condition) for key in term.keys])
+        case SetArgs(assigned):
+            return assigned.keys
+        case CountArgs(str(key)) | SecondsArgs(str(key)):
+            return (key,)
+    return ()
+
+
 def keys_in(tree: Node) -> tuple[str, ...]:
     """The keys that a tree reads or writes, in document order, each once."""
-    assigned = (node.args.assigned for node in walk(tree) if isinstance(node.args, SetArgs))
-    return tuple(dict.fromkeys(key for term in (*asked_in(tree), *assigned) for key in term.keys))
+    return tuple(dict.fromkeys(key for node in walk(tree) for key in keys_of(node.args)))
 
 
 def written_in(tree: Node) -> frozenset[str]:
@@ -279,14 +305,10 @@ def names_in(tree: Node) -> tuple[set[str], set[str]]:
     nodes = [tree]
     for node in nodes:  # the list grows while it is iterated
         nodes += node.children
-        args = node.args
-        if isinstance(args, ActionArgs):
-            actions.add(args.name)
-        elif isinstance(args, GuardArgs):
-            for term in terms(args.condition):
-                keys.update(term.keys)
-        elif isinstance(args, SetArgs):
-            keys.update(args.assigned.keys)
+        if isinstance(node.args, ActionArgs):
+            actions.add(node.args.name)
+        elif node.args:
+            keys.update(keys_of(node.args))
     return actions, keys
 
 

@@ -92,9 +92,7 @@ class NodeBuilder:
         word = self.word(token, NUMBER)
         if word.type == "NAME" and not word.open:
             if word.text not in self.constants:
-                from islandgp.bt.core import messages  # only for trees with errors
-
-                raise messages.unknown_constant(word, self.constants)
+                raise _messages().unknown_constant(word, self.constants)
             self.used.add(("constant", word.text))
             word = self.constants[word.text]
         value = 1.0 if word.open else _plain_number(word)
@@ -153,9 +151,15 @@ class NodeBuilder:
                 first = first_word(left)
                 raise self.source.error_at(first, f"unexpected {shown(first)}", expected=KEY)
             return comparison(term, str(operator), self._term(right, level))
-        name = self.word(left, KEY)
-        key = self._key(name, str(operator))
-        return Condition(name.text, str(operator), *self._operand(name, key, right))
+        return self._of_key(self.word(left, KEY), str(operator), right)
+
+    def _of_key(self, name: Word, operator: str, right: Token) -> Condition:
+        key = self._key(name, operator)
+        return Condition(name.text, operator, *self._operand(name, key, right))
+
+    def equal(self, name: Word, value: Token) -> Condition:
+        """The condition that a key has a value. Raises TreeError."""
+        return self._of_key(name, "==", value)
 
     def _operand(self, name: Word, key: Key | None, token: Token) -> tuple[float, str]:
         """What a key is compared with, or set to: a number or a word, or else another key."""
@@ -170,9 +174,7 @@ class NodeBuilder:
         other = self._keys.get(word.text)
         is_alike = other and key and other.kind == key.kind and word.text != name.text
         if key is not None and not is_alike:
-            from islandgp.bt.core import messages  # only for trees with errors
-
-            raise messages.wrong_operand(name.text, word, self._keys, self.constants)
+            raise _messages().wrong_operand(name.text, word, self._keys, self.constants)
         return 0.0, word.text
 
     def _term(self, tree: Any, level: int) -> Term:
@@ -218,9 +220,7 @@ class NodeBuilder:
             return None
         key = self._keys.get(name.text)
         if key is None:
-            from islandgp.bt.core import messages  # only for trees with errors
-
-            raise messages.unknown_key(name, self.vocabulary, self.values)
+            raise _messages().unknown_key(name, self.vocabulary, self.values)
         if operator not in (key.operators or ("",)):
             operators = f", with one of {' '.join(key.operators)}" * bool(key.operators)
             expected = f"`when {key.example(name.text)}`{operators}"
@@ -234,15 +234,11 @@ class NodeBuilder:
         if self.vocabulary is not None and not name.open:
             key = self._keys.get(name.text)
             if key is None or not key.writable:
-                from islandgp.bt.core import messages  # only for trees with errors
-
-                raise messages.unwritable(name, self._keys)
+                raise _messages().unwritable(name, self._keys)
         if hasattr(right, "children"):
             if key is not None and key.choices:
                 word = Word(first_word(right), self.source)
-                from islandgp.bt.core import messages  # only for trees with errors
-
-                raise messages.wrong_operand(name.text, word, self._keys, self.constants)
+                raise _messages().wrong_operand(name.text, word, self._keys, self.constants)
             self._operands = 0
             assigned = comparison(name.text, "=", self._term(right, 1))
         elif key is None and right in NO_YES:
@@ -293,9 +289,7 @@ class NodeBuilder:
     def leaf(self, name: Word, pairs: Sequence[tuple[Token, Token]]) -> Node:
         """A leaf from its name, and the names and values of its arguments. Raises TreeError."""
         if self.vocabulary is not None and name.text not in self.vocabulary.actions:
-            from islandgp.bt.core import messages  # only for trees with errors
-
-            raise messages.unknown_node(name, self.subtrees, self.vocabulary, self.values)
+            raise _messages().unknown_node(name, self.subtrees, self.vocabulary, self.values)
         values: dict[str, Value] = {}
         for key, value in pairs:
             if key in values:
@@ -318,9 +312,7 @@ class NodeBuilder:
             return Quoted(word.text) if quoted else word.text
         parameters = self.vocabulary.actions[action].arguments
         if key not in parameters:
-            from islandgp.bt.core import messages  # only for trees with errors
-
-            raise messages.unknown_argument(Word(key, self.source), action, parameters)
+            raise _messages().unknown_argument(Word(key, self.source), action, parameters)
         parameter = parameters[key]
         if word.open:
             return parameter.default
@@ -336,6 +328,20 @@ class NodeBuilder:
             )
         return value
 
+    def _amount(self, token: Token, sort: Sort) -> str:
+        """The key that is named in place of a count or seconds; "" for a number. Raises TreeError.
+
+        A number of which no constant has the name is the value of a key.
+        """
+        word = self.word(token, NUMBER)
+        if word.type != "NAME" or word.open or word.text in self.constants:
+            return ""
+        numbers = {n: k for n, k in self._keys.items() if not k.choices}
+        keys = [n for n, k in numbers.items() if k.whole or sort is Sort.SECONDS]
+        if self.vocabulary is not None and word.text not in keys:
+            raise _messages().unknown_constant(word, self.constants, keys)
+        return word.text
+
     def _argument(self, kind: str, argument: Argument, part: Any) -> ConditionExpr | float | str:
         """The value of a node's argument."""
         if argument.sort is Sort.CONDITION:
@@ -344,6 +350,8 @@ class NodeBuilder:
             return self._assignment(part)
         if argument.sort is Sort.WORD or part.type not in ("NAME", "NUMBER"):
             return str(part)
+        if argument.sort is not Sort.POLICY and (key := self._amount(part, argument.sort)):
+            return key
         number, (low, high) = self.number(part), argument.range
         is_whole_number = argument.sort is not Sort.SECONDS
         if not low <= number <= high or (is_whole_number and number % 1):
@@ -353,6 +361,12 @@ class NodeBuilder:
                 expected=f"a {'whole ' * is_whole_number}number from {low:g} to {high:,}",
             )
         return int(number) if is_whole_number and not self._named else number
+
+
+def _messages() -> Any:
+    from islandgp.bt.core import messages  # only for trees with errors
+
+    return messages
 
 
 def _plain_number(word: Word) -> float:

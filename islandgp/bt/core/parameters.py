@@ -11,9 +11,9 @@ A tree has e.g. `MoveTo(goal: door, speed: 0.8)`. Arguments that are left out ha
 from __future__ import annotations
 
 import re
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Collection, Iterable, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from math import isfinite, sqrt
 from typing import Annotated, Any, ClassVar, Final, Literal, TypeAlias
@@ -115,17 +115,14 @@ def real(
 
 
 def whole(
-    meaning: str,
-    low: int,
-    high: int,
-    *,
-    default: int | None = None,
-    logarithmic: bool = False,
-    unit: str = "",
+    meaning: str, low: int, high: int, *, default: int | None = None, **rest: Any
 ) -> Parameter:
-    """A whole number from `low` to `high`; its default is `low` if none is given."""
+    """A whole number from `low` to `high`; its default is `low` if none is given.
+
+    `rest`: logarithmic and unit, as of `real`.
+    """
     default = low if default is None else default
-    return Parameter(meaning, "integer", default, low, high, 1.0, logarithmic, (), unit)
+    return replace(real(meaning, low, high, default=default, step=1.0, **rest), sort="integer")
 
 
 def one_of(meaning: str, words: Collection[str], default: str | None = None) -> Parameter:
@@ -220,19 +217,14 @@ def argument_values(args: ActionArgs, parameters: Mapping[str, Parameter]) -> di
 
 def bound(args: ActionArgs, parameters: Mapping[str, Parameter]) -> dict[str, Value | bool]:
     """`argument_values` for the leaf's code: a flag is True or False, a whole number an int."""
-    types: dict[str, Callable[[Any], Any]] = {"flag": _is_yes, "integer": int}
     return {
-        name: value if referenced(value) else types.get(parameters[name].sort, _same)(value)
+        name: value if referenced(value) else _bound(value, parameters[name].sort)
         for name, value in argument_values(args, parameters).items()
     }
 
 
-def _is_yes(value: Value) -> bool:
-    return value == NO_YES[1]
-
-
-def _same(value: Value) -> Value:
-    return value
+def _bound(value: Value, sort: str) -> Value | bool:
+    return value == NO_YES[1] if sort == "flag" else int(value) if sort == "integer" else value
 
 
 def check_range(entry: Any, whole: Iterable[float], *, above_0: bool = False) -> None:

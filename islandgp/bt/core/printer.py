@@ -17,8 +17,8 @@ from islandgp.bt.core.kinds import CALLABLE, KINDS, NAME, RESERVED
 from islandgp.bt.core.node import (
     ActionArgs,
     Node,
-    UseArgs,
     Value,
+    WrittenArgs,
     commented,
     marked,
     marks_of,
@@ -71,7 +71,7 @@ def with_subtrees(tree: Node) -> str:
                 bodies[use.name] = inner
                 texts.append(text(inner, f"subtree {use.name} = "))
             if bodies[use.name] == inner:
-                inner = marked(Node("use", UseArgs(use.name)), use)
+                inner = marked(Node("use", WrittenArgs(f"use {use.name}")), use)
             else:
                 inner = commented(inner, use.comments.lines)
         return inner
@@ -90,8 +90,8 @@ def head(node: Node) -> str:
     args = node.args
     if isinstance(args, ActionArgs):
         return call_text(*args)
-    if isinstance(args, UseArgs):
-        return f"use {use_text(*args)}"
+    if isinstance(args, WrittenArgs):
+        return args.head
     arguments = KINDS[node.kind].arguments
     if not arguments and not args:
         return node.kind

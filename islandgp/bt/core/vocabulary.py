@@ -220,18 +220,9 @@ def number(
     return Key(meaning, False, low, high, step, most, noise, initial=initial)
 
 
-def integer(
-    meaning: str,
-    low: int,
-    high: int,
-    step: int = 1,
-    *,
-    most: int | None = None,
-    noise: float = 0.0,
-    initial: int | None = None,
-) -> Key:
+def integer(meaning: str, low: int, high: int, step: int = 1, **fields: Any) -> Key:
     """A key that is a whole number, with noise too; otherwise as `number`."""
-    return Key(meaning, False, low, high, step, most, noise, whole=True, initial=initial)
+    return replace(number(meaning, low, high, step, **fields), whole=True)
 
 
 def enumeration(meaning: str, words: Collection[str], *, initial: str | None = None) -> Key:

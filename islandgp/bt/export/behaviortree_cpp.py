@@ -211,8 +211,15 @@ def _attributes(node: Node, target: Target) -> dict[str, object]:
         values = condition_text(_quoted(node.args.condition)), node.args.abort
     elif target == KINDS["round_robin"].stock:
         values = ("true",)
+    elif isinstance(node.args, CountArgs | SecondsArgs) and isinstance(node.args[0], str):
+        if node.kind in NAV2:
+            raise DomainError(
+                f"Expected a number as the argument of {node.kind}, which Nav2 reads once, found"
+                f" the key {node.args[0]!r}; write a number or a constant."
+            )
+        values = (f"{{{node.args[0]}}}",)
     elif target == KINDS["every"].stock and isinstance(node.args, SecondsArgs):
-        values = (float(f"{1 / node.args.seconds:.12g}"),)
+        values = (float(f"{1 / float(node.args.seconds):.12g}"),)
     return dict(zip(target.ports, values, strict=False))
 
 

@@ -2,21 +2,32 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Collection, Mapping, Sequence
+import re
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Final, NamedTuple, NoReturn, TypeAlias
 
 from islandgp.bt.analysis.context import without_interrupts
 from islandgp.bt.analysis.names import fresh_name
-from islandgp.bt.core.condition import Compound, ConditionExpr, negate, opposite, terms
-from islandgp.bt.core.kinds import kind_of
+from islandgp.bt.core.condition import ConditionExpr, opposite, terms
+from islandgp.bt.core.kinds import UNLIMITED
 from islandgp.bt.core.language import MAX_LEVELS, MAX_NODES
-from islandgp.bt.core.node import ActionArgs, Node, as_subtree, commented, guarded, keys_in, walk
+from islandgp.bt.core.node import (
+    ActionArgs,
+    AlwaysArgs,
+    Node,
+    SetArgs,
+    as_subtree,
+    commented,
+    guarded,
+    keys_in,
+    walk,
+)
 from islandgp.bt.core.parameters import referenced
 from islandgp.bt.core.source import closest, shown
 from islandgp.bt.core.vocabulary import NAME, RESERVED, Vocabulary
-from islandgp.bt.export.scripts import read_condition
+from islandgp.bt.export.scripts import read_assignments, read_condition
 from islandgp.bt.export.tree_writer import HEADER
 from islandgp.bt.export.xml_reader import Element, XmlTrees
 from islandgp.errors import LimitError, TreeError
@@ -25,11 +36,10 @@ NOTES: Final = ("name", "_description", "_fullpath", "_uid")
 """Attributes without an effect on the tree; they become comments, `# name: ...`."""
 PRECONDITIONS: Final = ("_failureIf", "_successIf", "_skipIf", "_while")
 """Attributes with conditions, in the order in which they are evaluated."""
-_SKIP_IN: Final = ("Sequence", "ReactiveSequence", "SequenceWithMemory", "Fallback",
-                   "ReactiveFallback")  # fmt: skip
-"""The parents in which a node can be skipped."""
-_SCRIPTS: Final = ("_onSuccess", "_onFailure", "_onHalted", "_post")
-"""Attributes that write to the blackboard; others with _ in front are decoration of editors."""
+POSTCONDITIONS: Final = ("_onSuccess", "_onFailure", "_post")
+"""Attributes that write to the blackboard when a node ends, in this order."""
+_SKIP_IN: Final = ("Sequence", "Fallback", "SequenceWithMemory")
+"""The parents in which a node can be skipped, also reactive ones."""
 _EXPLICIT: Final = ("Action", "Condition", "Control", "Decorator")  # <Action ID="X"/> is <X/>
 _RENAMED: Final = {
     "SubTreePlus": "SubTree",
@@ -38,6 +48,9 @@ _RENAMED: Final = {
 }
 """Tags of version 3, with those of version 4."""
 TRUE: Final = ("true", "1")
+_CHILDREN: Final = {(1, 1): "one child", (2, 2): "two children", (2, 3): "two or three children"}
+_IN_SCRIPT: Final = re.compile(r"'[^']*'|@?(?<![\w.])(?P<name>[A-Za-z_]\w*)")
+_NUMBER: Final = re.compile(r"-?[0-9]+(\.[0-9]+)?")
 
 DIFFERENCES: Final = {
     "clock": "the library measures time by the computer's clock; islandgp counts ticks",
@@ -48,8 +61,9 @@ DIFFERENCES: Final = {
     "order": "a branch starts before the other one is halted; islandgp halts first",
     "scope": 'a SubTree without _autoremap="true" has its own blackboard; islandgp has one',
     "skipped": "a skipped node is ignored; in islandgp it ends, and its composite continues",
-    "asked": "IfThenElse evaluates its condition once; islandgp again after the second child",
     "twice": "a condition leaf before two branches is evaluated once; in islandgp for each of them",
+    "outside": "this SubTree is in no file of the folder; here it is a leaf, of your program",
+    "async": "an AsyncSequence or AsyncFallback starts the next child in the next tick",
     "memory": "SequenceWithMemory continues with the failed child; a sequence with its first",
     "rate": "a RateController starts its child at once after a node above it was reset",
     "round": "RoundRobin ends after its last child in newer releases; round_robin continues",
@@ -98,61 +112,22 @@ def tag_of(element: Element) -> str:
     return _RENAMED.get(element.tag, element.tag)
 
 
-Test: TypeAlias = ConditionExpr | Node
-"""A condition of keys, or a tree of condition leaves that answers within its tick."""
+ALWAYS: Final = {status: Node("always", AlwaysArgs(status)) for status in ("success", "failure")}
 
 
-def inverted(node: Node) -> Node:
-    """A node with success and failure exchanged."""
-    return node.children[0] if kind_of(node).inverts else Node("inverter", (), (node,))
+def check(test: ConditionExpr) -> Node:
+    """A leaf that succeeds if a condition holds, and else fails."""
+    return guarded(test, ALWAYS["success"], "none")
 
 
-def unless(test: Test) -> Test:
-    """The negation of a test."""
-    if isinstance(test, Node):
-        return inverted(test)
-    return negate(test) if isinstance(test, Compound) else opposite(test)
+def unless(ends: ConditionExpr, node: Node, status: str, *, watches: bool = False) -> Node:
+    """A node that ends with a status, success or failure, without its child if a condition holds.
 
-
-def only_if(test: Test, child: Node, abort: str) -> Node:
-    """A node that fails if the test does not hold; `abort` is none or self."""
-    if not isinstance(test, Node):
-        return guarded(test, child, abort)
-    return Node("sequence" if abort == "none" else "reactive_sequence", (), (test, child))
-
-
-def implies(test: Test, child: Node, abort: str) -> Node:
-    """A node that succeeds if the test does not hold; `abort` is none or self."""
-    if not isinstance(test, Node):
-        return inverted(guarded(test, inverted(child), abort))
-    kind = "selector" if abort == "none" else "reactive_selector"
-    return Node(kind, (), (inverted(test), child))
-
-
-def if_else(test: Test, children: Sequence[Node], abort: str) -> Node:
-    """An IfThenElse (abort none) or a WhileDoElse (self) without its first child."""
-    if len(children) == 1:
-        return only_if(test, children[0], abort)
-    success_branch, otherwise = children
-    if abort == "self" and not isinstance(test, Node):
-        # The guards halt a branch before the other starts.
-        negated = unless(test)
-        assert not isinstance(negated, Node)
-        branches = (guarded(test, success_branch), guarded(negated, otherwise, "self"))
-        return Node("selector", (), branches)
-    kind = "sequence" if abort == "none" else "reactive_sequence"
-    parts = (implies(test, success_branch, abort), implies(unless(test), otherwise, abort))
-    return Node(kind, (), parts)
-
-
-def answers_at_once(tree: Node, vocabulary: Vocabulary) -> bool:
-    """True if a tree has condition leaves, selectors, sequences and inverters only."""
-    return all(
-        vocabulary.action(node.action).condition
-        if node.action
-        else kind_of(node).inverts or kind_of(node).advance_status is not None
-        for node in walk(tree)
-    )
+    `watches`: also while the child runs, which is then stopped.
+    """
+    if status == "failure":
+        return guarded(opposite(ends), node, "self" if watches else "none")
+    return Node("reactive_selector" if watches else "selector", (), (check(ends), node))
 
 
 class Importer:
@@ -169,8 +144,8 @@ class Importer:
         self.readers, self.root, self.vocabulary = readers, root, vocabulary
         self.differences: dict[str, Difference] = {}
         self._name = name  # of the present file
-        self._trees = XmlTrees(root, name, folder).by_id
-        self._keys: dict[str, str] = {}  # of the present tree, with the blackboard's
+        self._trees = XmlTrees(root, name, folder)
+        self._passed: dict[str, str] = {}  # texts and {entries} by the keys of the present tree
         self._done: dict[tuple[str, frozenset[tuple[str, str]]], tuple[Node, bool]] = {}
         self._names = {*RESERVED, *vocabulary.actions}  # of subtrees, and reserved ones
         self._open: list[str] = []  # trees that are being read
@@ -184,29 +159,31 @@ class Importer:
         """The tree of that ID; None: the main tree."""
         if identity is None:
             identity = self.root.attributes.get("main_tree_to_execute", "")
-            if not identity and len(self._trees) > 1:
+            trees = self._trees.by_id
+            if not identity and len(trees) > 1:
                 self.fail(
                     self.root,
                     "expected main_tree_to_execute, as there are several trees:"
-                    f" {_listed(self._trees)}; add it, or choose one by --tree ID",
+                    f" {_listed(trees)}; add it, or choose one by --tree ID",
                 )
-            identity = identity or next(iter(self._trees))
+            identity = identity or next(iter(trees))
         return self._subtree(identity, self.root)[0]
 
     def _subtree(self, identity: str, user: Element) -> tuple[Node, bool]:
         """A tree, and whether it reads the blackboard."""
-        key = identity, frozenset(self._keys.items())
+        key = identity, frozenset(self._passed.items())
         if key in self._done:
             return self._done[key]
-        if identity not in self._trees:
-            trees = _listed(self._trees)
-            self.fail(user, f"there is no <BehaviorTree ID={shown(identity)}>; there are {trees}")
+        found = self._trees.find(identity)
+        if found is None:
+            message = f"there is no <BehaviorTree ID={shown(identity)}>"
+            self.fail(user, f"{message}; there are {_listed(self._trees.by_id)}")
         if identity in self._open:
             self.fail(user, f"the tree {shown(identity)} contains itself")
-        tree, file = self._trees[identity]
+        tree, file = found
         name, self._name = self._name, file
         self._open.append(identity)
-        node = commented(self.child(self._without_text(tree)), notes_of(tree))
+        node = commented(self.child(tree), notes_of(tree))
         self._open.pop()
         self._name = name
         if self._open:  # it is used, not the tree that is asked for
@@ -217,19 +194,26 @@ class Importer:
         return self._done[key]
 
     def use(self, element: Element, _: str) -> Node:
-        given = element.attributes
-        remapped = {
-            key: self._keys.get(value[1:-1], value[1:-1])
-            for key, value in given.items()
-            if NAME.fullmatch(key) and value[:1] + value[-1:] == "{}"
-        }
-        for key in remapped:
-            del given[key]
-        outside, self._keys = self._keys, {**self._keys, **remapped}
-        node, reads = self._subtree(given.get("ID", ""), element)
-        self._keys = outside
+        """A SubTree; one that is in no file is a leaf, if the vocabulary has it."""
+        given, identity = element.attributes, element.attributes.get("ID", "")
+        leaf = re.sub(r"\W", "_", identity)
+        if leaf in self.vocabulary.actions and self._trees.find(identity) is None:
+            self.differs(element, "outside")
+            return self.readers["Action"](self, element, leaf)
+        # In version 3, a SubTree passes entries without braces.
+        bare = element.tag == "SubTree" and self.root.attributes.get("BTCPP_format", "3") == "3"
+        passed: dict[str, str] = {}
+        for key in [
+            k for k in given if NAME.fullmatch(k) and k[0] != "_" and k not in ("ID", *NOTES)
+        ]:
+            value = given.pop(key)
+            value = f"{{{key}}}" if value == "{=}" else value
+            passed[key] = self.resolved(f"{{{value}}}" if bare and value[:1] != "{" else value)
+        outside, self._passed = self._passed, {**self._passed, **passed}
+        node, reads = self._subtree(identity, element)
+        self._passed = outside
         remaps = ("_autoremap", "__autoremap", "__shared_blackboard")
-        if reads and not remapped and not any(given.get(name) in TRUE for name in remaps):
+        if reads and not passed and not any(given.get(name) in TRUE for name in remaps):
             self.differs(element, "scope")
         return node
 
@@ -243,8 +227,9 @@ class Importer:
             raise self.too_large(element)
         is_action = tag in self.vocabulary.actions
         reader = self.readers.get(tag, self.readers["Action"] if is_action else _unknown)
-        own = replace(self._without_text(element), attributes=given)
-        tests = [(name, self.condition(own, name)) for name in PRECONDITIONS if name in given]
+        own = replace(element, attributes=given)
+        before = [name for name in PRECONDITIONS if name in given]
+        scripts = {name: given.pop(name) for name in (*before, *POSTCONDITIONS) if name in given}
         self.above.append(tag)
         try:
             node = reader(self, own, tag)
@@ -252,23 +237,44 @@ class Importer:
             self.fail(element, str(error))
         self.above.pop()
         for attribute in given:  # those that the reader did not take
-            if attribute in _SCRIPTS or not (attribute in ("ID", *NOTES) or attribute[0] == "_"):
+            is_decoration = attribute in ("ID", *NOTES) or attribute[0] == "_"
+            if attribute == "_onHalted" or not is_decoration:
                 self.fail(element, f"the language has no equivalent of {shown(attribute)} of {tag}")
-        for name, test in reversed(tests):
-            node = self._tested(element, name, test, without_interrupts(node))
+        if scripts:
+            node = without_interrupts(node)
+        for name in (*POSTCONDITIONS, *reversed(before)):
+            if name in scripts:
+                own.attributes["code"] = scripts[name]
+                node = (self._tested if name in before else self._then)(own, name, node)
         return self.sized(element, commented(node, notes_of(element)))
 
-    def _tested(self, element: Element, name: str, test: ConditionExpr, node: Node) -> Node:
+    def _tested(self, element: Element, name: str, node: Node) -> Node:
         """A node with the condition of an attribute, which is evaluated before it starts."""
-        fails = name == "_failureIf"
+        runs_while = name == "_while"
+        constant = element.attributes["code"]
+        if constant == ("true" if runs_while else "false"):
+            return node
+        status = "failure" if name == "_failureIf" else "success"
         if name in ("_skipIf", "_while"):
             parent = self.above[-1] if self.above else ""
-            if parent not in _SKIP_IN:
+            if parent.removeprefix("Reactive") not in _SKIP_IN:
                 self.fail(element, f"{shown(name)} is imported only in a Sequence or a Fallback")
             self.differs(element, "skipped")
-            fails = parent.endswith("Fallback")
-        rule = only_if if fails else implies
-        return rule(test, node, "self") if name == "_while" else rule(unless(test), node, "none")
+            status = "failure" if parent.endswith("Fallback") else "success"
+        if constant in ("true", "false"):
+            return ALWAYS[status]
+        test = self.condition(element, "code")
+        return unless(opposite(test) if runs_while else test, node, status, watches=runs_while)
+
+    def _then(self, element: Element, name: str, node: Node) -> Node:
+        """A node after whose end a script writes to the blackboard."""
+        sets = self.assignments(element)
+        if name != "_onFailure":
+            node = Node("sequence", (), (node, *sets))
+        if name != "_onSuccess":
+            after = Node("sequence", (), (*sets, ALWAYS["failure"]))
+            node = Node("selector", (), (node, after))
+        return node
 
     def sized(self, element: Element, node: Node) -> Node:
         """The node. Raises LimitError if it is too large; trees may double each other."""
@@ -289,16 +295,20 @@ class Importer:
         limits = f"{MAX_LEVELS} levels and {MAX_NODES} nodes, each SubTree expanded"
         return element.error(f"expected a tree of at most {limits}", self._name, LimitError)
 
-    def nodes(self, element: Element) -> tuple[Node, ...]:
-        if not element.children:
-            self.fail(element, f"expected children in <{element.tag}>")
+    def nodes(
+        self, element: Element, children: tuple[int, int] = (1, UNLIMITED)
+    ) -> tuple[Node, ...]:
+        """The children; `children`: fewest and most."""
+        fewest, most = children
+        if not fewest <= len(element.children) <= most:
+            expected = _CHILDREN.get(children, "children")
+            found = len(element.children)
+            self.fail(element, f"expected {expected} in <{element.tag}>, found {found}")
         return tuple(map(self.node, element.children))
 
     def child(self, element: Element) -> Node:
-        if len(element.children) != 1:
-            found = len(element.children)
-            self.fail(element, f"expected one child in <{element.tag}>, found {found}")
-        return self.node(element.children[0])
+        """The only child."""
+        return self.nodes(element, (1, 1))[0]
 
     def code(self, check: Element) -> ConditionExpr:
         """The condition of a ScriptCondition."""
@@ -314,15 +324,29 @@ class Importer:
             self.differs(element, "equal")
         return expr
 
-    def script(self, element: Element, attribute: str) -> str:
-        """A script with the keys of the blackboard."""
-        text = element.attributes.pop(attribute, "")
-        return NAME.sub(lambda word: self._keys.get(word[0], word[0]), text)
+    def assignments(self, element: Element) -> tuple[Node, ...]:
+        """The nodes for the script in the attribute `code`; takes it."""
+        try:
+            assigned = read_assignments(self.script(element, "code"), self.vocabulary)
+        except ValueError as error:
+            self.fail(element, str(error))
+        return tuple(Node("set", SetArgs(each)) for each in assigned)
 
-    def key(self, text: str) -> str:
-        """The key of the blackboard that a port names, as `{key}` or `key`."""
-        name = text.strip("{}")
-        return self._keys.get(name, name)
+    def script(self, element: Element, attribute: str) -> str:
+        """A script with the keys of the blackboard, and with the texts that are passed."""
+
+        def passed(match: re.Match[str]) -> str:
+            text = self._passed.get(match["name"] or "", match[0].removeprefix("@"))
+            is_value = text[0] == "'" or NAME.fullmatch(text) or _NUMBER.fullmatch(text)
+            return text[1:-1] if text[:1] == "{" else text if is_value else f"'{text}'"
+
+        text = element.attributes.pop(attribute, "").replace('"', "'")
+        return _IN_SCRIPT.sub(passed, text)
+
+    def resolved(self, text: str) -> str:
+        """The text of a port, `{key}` of the blackboard, or a text that is passed for a key."""
+        text = text.replace("{@", "{")
+        return self._passed.get(text[1:-1], text) if text[:1] + text[-1:] == "{}" else text
 
     # Messages
 
@@ -334,20 +358,10 @@ class Importer:
         """Raises TreeError with the place of an element."""
         raise element.error(message, self._name)
 
-    def _without_text(self, element: Element) -> Element:
-        """The element. Raises TreeError for text between nodes, which has no meaning."""
-        if element.text:
-            self.fail(
-                element,
-                f"expected nodes in {shown(element.tag)}, found the text {shown(element.text)};"
-                " make it a comment, <!-- ... -->",
-            )
-        return element
-
 
 def is_check(element: Element) -> bool:
     """True for a condition without attributes that mean more than its code."""
-    special = {*PRECONDITIONS, *_SCRIPTS}.intersection(element.attributes)
+    special = {*PRECONDITIONS, *POSTCONDITIONS}.intersection(element.attributes)
     return tag_of(element) == "ScriptCondition" and not special
 
 

@@ -18,7 +18,7 @@ from pydantic import ValidationError
 
 from islandgp.bt.core import parameters
 from islandgp.bt.core.language import domain_of, parse
-from islandgp.bt.core.node import SetArgs, asked_in, walk
+from islandgp.bt.core.node import CountArgs, SecondsArgs, SetArgs, asked_in, keys_of, walk
 from islandgp.bt.core.node_builder import MAX_NUMBER
 from islandgp.bt.core.parameters import (
     Parameter,
@@ -39,9 +39,8 @@ from islandgp.bt.core.vocabulary import (
     enumeration,
     is_name,
 )
-from islandgp.bt.export.cpp_importer import GATES, PRECONDITIONS
-from islandgp.bt.export.json import from_json
-from islandgp.bt.export.xml_reader import Element, read_xml
+from islandgp.bt.export.cpp_importer import GATES, POSTCONDITIONS, PRECONDITIONS
+from islandgp.bt.export.xml_reader import Element, XmlTrees, read_xml
 from islandgp.errors import DomainError
 from islandgp.plain import read_json
 
@@ -51,10 +50,14 @@ UNNAMED: Final = "model"
 _NUMBER_KEY: Final = Key("", flag=False, low=-float(MAX_NUMBER), high=float(MAX_NUMBER))
 """A key that a tree compares and that a model does not declare."""
 _IN_AND_OUT: Final = ("input_port", "output_port", "inout_port", "bidirectional_port")
-_SCRIPTS: Final = ("code", "condition", *PRECONDITIONS)  # attributes that ask the blackboard
+_SCRIPTS: Final = ("code", "condition", "if", *PRECONDITIONS, *POSTCONDITIONS)
+"""Attributes that ask the blackboard, or write to it."""
+_AMOUNTS: Final = {"num_cycles": " times", "num_attempts": " times", "seconds": "", "value_A": ""}
+"""Attributes in which an entry of the blackboard is a number; of some a whole one."""
 _TEXT: Final = re.compile("'[^']*'")
 _WRITTEN: Final = re.compile(r"([A-Za-z_]\w*)\s*(?::=|[-+*/]?=(?!=))")
 _WORDS: Final = re.compile(r"([A-Za-z_]\w*)\s*(?::=|[=!]?=)\s*'([^']*)'")
+_COUNTED: Final = re.compile(r"(\w+) < 1 times")
 _WORD: Final = re.compile(
     r"(?P<before>[<>=!]=|[-+*/<>])?\s*\b(?P<word>[A-Za-z_]\w*)"
     r"(?=\s*(?P<after>[<>=!]=|[-+*/<>]|:?=\s*[-\d])?)"
@@ -93,7 +96,9 @@ def _model(root: Element, name: str) -> Iterator[tuple[str, Action]]:
     for model in models:
         for element in model.children if model.tag == "TreeNodesModel" else ():
             identity = element.attributes.get("ID", "")
-            if element.tag not in ("Action", "Condition") and identity not in GATES:
+            if element.tag == "SubTree":
+                identity = re.sub(r"\W", "_", identity)
+            elif element.tag not in ("Action", "Condition") and identity not in GATES:
                 continue
             if not is_name(identity):
                 raise DomainError(
@@ -124,18 +129,22 @@ def _port(port: Element) -> Parameter:
 
 
 def _keys_in(model: Element, tree: str, name: str, folder: Path | None) -> dict[str, Key]:
-    """The keys of a tree, which is in the tree language, in XML or in JSON.
+    """The keys of a tree, which is in the tree language or in XML.
 
     The scripts of the model's own trees show which texts are words of a key.
     """
-    start = tree.lstrip("\ufeff \t\r\n")[:1]
-    if start == "<":
-        scripts = [*_scripts(model), *_scripts(read_xml(tree, name=name))]
+    if tree.lstrip("\ufeff \t\r\n")[:1] == "<":
+        scripts = [*_scripts(model), *_scripts(read_xml(tree, name=name), name, folder)]
     else:
-        is_json = start in ("{", "[")
-        root = from_json(tree, name=name) if is_json else parse(tree, name=name, folder=folder)
+        root = parse(tree, name=name, folder=folder)
         sets = (node.args.assigned for node in walk(root) if isinstance(node.args, SetArgs))
         scripts = [*_scripts(model), *map(condition_text, (*asked_in(root), *sets))]
+        amounts = (n.args for n in walk(root) if isinstance(n.args, CountArgs | SecondsArgs))
+        scripts += [
+            f"{key} < 1{' times' * isinstance(args, CountArgs)}"
+            for args in amounts
+            for key in keys_of(args)
+        ]
     words: dict[str, dict[str, None]] = {}  # by key, in the order of the scripts
     compared: dict[str, bool] = {}  # by key
     for script in scripts:
@@ -154,21 +163,33 @@ def _keys_in(model: Element, tree: str, name: str, folder: Path | None) -> dict[
         for key, is_number in sorted(compared.items())
         if key not in no_keys
     }
+    counts = {key for script in scripts for key in _COUNTED.findall(script)}
+    keys |= {key: replace(keys[key], whole=True) for key in counts & keys.keys()}
     for each in keys.keys() & {key for script in scripts for key in _WRITTEN.findall(script)}:
         initial = "no" if keys[each].flag else next(iter(keys[each].words), 0.0)
         keys[each] = replace(keys[each], initial=initial)
     return keys
 
 
-def _scripts(element: Element) -> Iterator[str]:
-    waiting = [element]
-    while waiting:
-        each = waiting.pop()
+def _scripts(root: Element, name: str = "", folder: Path | None = None) -> Iterator[str]:
+    """The scripts of a file, and of trees of other files that it uses."""
+    waiting, uses = [root], set()
+    trees = XmlTrees(root, name, folder) if folder else None
+    for each in waiting:  # the list grows while it is iterated
+        identity = each.attributes.get("ID", "")
+        if trees and each.tag.startswith("SubTree") and identity not in uses:
+            uses.add(identity)
+            found = trees.find(identity)
+            waiting += [found.element] if found and found.file != name else []
         if each.tag == "SetBlackboard":
             key, value = (each.attributes.get(n, "").strip("{}") for n in ("output_key", "value"))
             is_text = NAME.fullmatch(value) and value not in ("true", "false")
             yield f"{key} := '{value}'" if is_text else f"{key} := {value}"
-        yield from (each.attributes[a] for a in _SCRIPTS if a in each.attributes)
+        scripts = (each.attributes[a] for a in _SCRIPTS if a in each.attributes)
+        yield from (script.replace('"', "'") for script in scripts)
+        for port, unit in _AMOUNTS.items():
+            if (value := each.attributes.get(port, ""))[:1] == "{":
+                yield f"{value[1:-1]} < 1{unit}"
         if each.tag.startswith("Switch"):
             yield each.attributes.get("variable", "").strip("{}") + " =="
         waiting += each.children

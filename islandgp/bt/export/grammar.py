@@ -21,7 +21,8 @@ from math import ceil, floor
 from typing import Any, Final
 
 from islandgp.bt.core.kind import Argument, Sort
-from islandgp.bt.core.kinds import INNER, KINDS, REPEATS, SECONDS, UNLIMITED
+from islandgp.bt.core.kinds import INNER, KINDS, REPEATS, UNLIMITED
+from islandgp.bt.core.node import SECONDS
 from islandgp.bt.core.node_builder import MAX_TERMS
 from islandgp.bt.core.parameters import Parameter
 from islandgp.bt.core.vocabulary import Key, Vocabulary
@@ -199,7 +200,9 @@ class _Writer:
 
     def body(self, level: int, low: int, high: int, most: int) -> str:
         """The rule for `low` to `most` nodes of a level."""
-        node, name = f"node{level}", f"list{level}" if high > low else f"body{low}of{level}"
+        node, name = f"node{level}", f"body{low}to{high}of{level}"
+        if high == UNLIMITED:
+            name = f"list{level}"
         if most == UNLIMITED:
             return self.rule(name, (node,), (node, "b", name))
         return self.rule(name, *((node, *("b", node) * (n - 1)) for n in range(low, most + 1)))

@@ -10,53 +10,54 @@ from __future__ import annotations
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
+from itertools import takewhile
 from pathlib import Path
 from typing import Final, NamedTuple
 
 from islandgp.bt.analysis.context import without_interrupts
+from islandgp.bt.core.condition import combine, opposite
 from islandgp.bt.core.kinds import (
     ABORTS,
     COUNTED,
-    COUNTS,
     KINDS,
     POLICIES,
-    SECONDS,
     TARGETS,
     TIMED,
 )
-from islandgp.bt.core.language import MAX_LEVELS, parse, parse_condition
+from islandgp.bt.core.language import parse, parse_condition
 from islandgp.bt.core.node import (
+    COUNTS,
+    SECONDS,
     AlwaysArgs,
     CountArgs,
     Node,
     ParallelArgs,
     Policy,
     SecondsArgs,
-    SetArgs,
     Value,
     commented,
     guarded,
+    switch,
+    walk,
 )
+from islandgp.bt.core.node_builder import MAX_TERMS
 from islandgp.bt.core.parameters import fits, value_range
 from islandgp.bt.core.printer import with_subtrees
 from islandgp.bt.core.source import shown
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.bt.export.cpp_importer import (
+    ALWAYS,
     GATES,
     TRUE,
     Difference,
     Importer,
     Reader,
-    Test,
-    answers_at_once,
-    if_else,
-    implies,
-    inverted,
+    check,
     is_check,
     notes_of,
     unless,
 )
-from islandgp.bt.export.scripts import read_assignments, read_script
+from islandgp.bt.export.scripts import read_script
 from islandgp.bt.export.xml_reader import Element, read_xml
 
 _BOARD: Final = re.compile(r"\{[A-Za-z_][A-Za-z0-9_]*\}")  # a port that names a blackboard entry
@@ -106,34 +107,23 @@ def read_tree(
 
 
 def _composite(importer: Importer, element: Element, tag: str) -> Node:
-    """A condition in a composite guards all later children; of a reactive one, only in front."""
-    reactive = tag.startswith("Reactive")
+    """A composite; conditions in front of a sequence are a guard of what follows them."""
     base = "selector" if tag.endswith("Fallback") else "sequence"
-    kind, abort = (f"reactive_{base}", "self") if reactive else (base, "none")
-    parts: list[Test] = []
-    for each in element.children[:-1]:
-        guards = not reactive or not any(isinstance(part, Node) for part in parts)
-        if is_check(each) and guards:
-            if sum(not isinstance(part, Node) for part in parts) >= MAX_LEVELS:
-                raise importer.too_large(each)
-            parts.append(importer.code(each))
-        else:
-            node = importer.node(each)
-            # In that library composites do not observe the guards of this branch.
-            parts.append(node if reactive else without_interrupts(node))
-    *_, last = importer.nodes(replace(element, children=element.children[-1:]))
-    nodes = [last]
-    for each, part in zip(element.children[-2::-1], reversed(parts), strict=True):
-        if isinstance(part, Node):
-            nodes.insert(0, part)
-            continue
-        # In that library no composite observes a guard behind a condition.
-        inner = nodes[0] if len(nodes) == 1 else Node(kind, (), tuple(nodes))
-        inner = without_interrupts(inner)
-        inverted = base == "selector"
-        guard = implies(unless(part), inner, abort) if inverted else guarded(part, inner, abort)
-        nodes = [importer.sized(each, commented(guard, notes_of(each)))]
-    return nodes[0] if len(nodes) == 1 < len(element.children) else Node(kind, (), tuple(nodes))
+    reactive = tag.startswith("Reactive")
+    kind = f"reactive_{base}" if reactive else base
+    if tag.startswith("Async"):
+        importer.differs(element, "async")
+    front = [*takewhile(is_check, element.children[:-1])] if base == "sequence" else []
+    del front[MAX_TERMS:]
+    tests = [importer.code(each) for each in front]
+    nodes = importer.nodes(replace(element, children=element.children[len(front) :]))
+    if not reactive:  # in that library, composites do not observe guards
+        nodes = (*map(without_interrupts, nodes[:-1]), nodes[-1])
+    if not front:
+        return Node(kind, (), nodes)
+    inner = without_interrupts(nodes[0] if len(nodes) == 1 else Node(kind, (), nodes))
+    guard = guarded(combine("and", tests), inner, "self" if reactive else "none")
+    return commented(guard, [line for each in front for line in notes_of(each)])
 
 
 def _plain(importer: Importer, element: Element, tag: str) -> Node:
@@ -143,8 +133,7 @@ def _plain(importer: Importer, element: Element, tag: str) -> Node:
         importer.differs(element, "memory")
     if tag == "RoundRobin" and element.attributes.pop("wrap_around", "") not in TRUE:
         importer.differs(element, "round")
-    one = KINDS[kind].decorates
-    children = (importer.child(element),) if one else importer.nodes(element)
+    children = importer.nodes(element, KINDS[kind].children)
     match kind, children:  # exports have no node for these two
         case "until_failure", (Node("always", AlwaysArgs("success")),):
             return Node("always", AlwaysArgs("running"))
@@ -161,10 +150,14 @@ def _number(given: dict[str, str], port: str, low: float, high: float, default: 
     return number
 
 
-def _whole(given: dict[str, str], port: str, default: str = "") -> int:
-    if "." in given.get(port, ""):
+def _count(importer: Importer, given: dict[str, str], port: str, default: str = "") -> float | str:
+    """A whole number, or the key that a port names."""
+    given[port] = importer.resolved(given.get(port, default))
+    if _BOARD.fullmatch(given[port]):
+        return given.pop(port)[1:-1]
+    if "." in given[port]:
         raise ValueError(f"expected a whole number as {port}, found {shown(given[port])}")
-    return int(_number(given, port, *COUNTS, default))
+    return int(_number(given, port, *COUNTS))
 
 
 def _counted(importer: Importer, element: Element, tag: str) -> Node:
@@ -172,13 +165,10 @@ def _counted(importer: Importer, element: Element, tag: str) -> Node:
     port, given = target.ports[0], element.attributes
     endless = {"repeater": "until_failure", "retry": "until_success"}
     if kind == "recovery":
-        args = CountArgs(_whole(given, port, "1"))
-        children = importer.nodes(element)
-        if len(children) != 2:
-            raise ValueError(f"expected two children, found {len(children)}")
-        return Node(kind, args, children)
+        args = CountArgs(_count(importer, given, port, "1"))
+        return Node(kind, args, importer.nodes(element, (2, 2)))
     is_endless = given.get(port) == "-1" and given.pop(port)
-    args = CountArgs(1) if is_endless else CountArgs(_whole(given, port))
+    args = CountArgs(1) if is_endless else CountArgs(_count(importer, given, port))
     if is_endless or (target.category == "" and args.times != 1):
         importer.differs(element, "repeat")
     child = importer.child(element)
@@ -192,10 +182,13 @@ def _timed(importer: Importer, element: Element, tag: str) -> Node:
     else:
         kind, target = TARGETS[tag]
         port, unit = target.ports[0], 1 if target.category else 1000
+    given, key = element.attributes, importer.resolved(element.attributes.get(port, ""))
+    if unit == 1 and _BOARD.fullmatch(key) and given.pop(port):
+        return Node(kind, SecondsArgs(key[1:-1]), (importer.child(element),))
     if unit != 1:
         importer.differs(element, "clock")
-    seconds = _number(element.attributes, port, least * unit, most * unit) / unit
-    child = Node("always", AlwaysArgs("success")) if tag == "Sleep" else importer.child(element)
+    seconds = _number(given, port, least * unit, most * unit) / unit
+    child = ALWAYS["success"] if tag == "Sleep" else importer.child(element)
     return Node(kind, SecondsArgs(seconds), (child,))
 
 
@@ -211,7 +204,9 @@ def _rate(importer: Importer, element: Element, _: str) -> Node:
 def _judged(importer: Importer, element: Element, _: str) -> Node:
     given = element.attributes
     policies: list[Policy] = [
-        given.pop(port, default) if given.get(port, default) in POLICIES else _whole(given, port)
+        given.pop(port, default)
+        if given.get(port, default) in POLICIES
+        else int(_number(given, port, *COUNTS))
         for port, default in (("success", "all"), ("failure", "one"))
     ]
     return Node("parallel", ParallelArgs(*policies), importer.nodes(element))
@@ -258,69 +253,74 @@ def _when(importer: Importer, element: Element, _: str) -> Node:
     return guarded(expr, importer.child(element), abort)
 
 
-def _check(importer: Importer, element: Element, _: str) -> Node:
-    always = Node("always", AlwaysArgs("success"))
-    return guarded(importer.condition(element, "code"), always, "none")
-
-
-def _always(importer: Importer, element: Element, tag: str) -> Node:  # noqa: ARG001
-    return Node("always", AlwaysArgs(tag.removeprefix("Always").lower()))
-
-
-def _branching(importer: Importer, element: Element, tag: str) -> Node:
-    """An IfThenElse or a WhileDoElse."""
-    if not 2 <= len(element.children) <= 3:
-        raise ValueError(f"expected two or three children in <{tag}>")
-    first, *rest = element.children
-    test: Test
+def _while_else(importer: Importer, element: Element, tag: str) -> Node:
+    test, *nodes = map(without_interrupts, importer.nodes(element, (2, 3)))
+    first = element.children[0]
     if is_check(first):
-        test = importer.code(first)
-    else:
-        test = importer.node(first)
-        if not answers_at_once(test, importer.vocabulary):
-            importer.fail(first, f"expected a condition as the first child of {tag}")
-        if len(rest) > 1:
-            importer.differs(element, "twice")
-    nodes = [without_interrupts(importer.node(child)) for child in rest]
-    if tag == "IfThenElse":
-        if len(rest) > 1:
-            importer.differs(element, "asked")
-        return if_else(test, nodes, "none")
-    if isinstance(test, Node):
-        importer.differs(element, "order")
-    return if_else(test, nodes, "self")
+        condition = importer.code(first)
+        if len(nodes) == 1:
+            return guarded(condition, nodes[0], "self")
+        return switch([condition], nodes)
+    conditions = (importer.vocabulary.action(n.action).condition for n in walk(test) if n.action)
+    inner = {node.kind for node in walk(test)} - {"action", "sequence", "selector", "inverter"}
+    if inner or not all(conditions):
+        importer.fail(first, f"expected a condition as the first child of {tag}")
+    importer.differs(element, "order")
+    if len(nodes) == 1:
+        return Node("reactive_sequence", (), (test, nodes[0]))
+    importer.differs(element, "twice")
+    pairs = zip((_inverted(test), test), nodes, strict=True)
+    return Node("reactive_sequence", (), tuple(Node("reactive_selector", (), p) for p in pairs))
+
+
+def _inverted(node: Node) -> Node:
+    """A node with success and failure exchanged."""
+    return node.children[0] if node.kind == "inverter" else Node("inverter", (), (node,))
 
 
 def _switch(importer: Importer, element: Element, tag: str) -> Node:
-    """A tree that runs the child of the first case that holds, else the last child."""
-    variable = element.attributes.pop("variable", "").strip("{}")
-    cases = [
-        importer.condition(replace(element, attributes={"code": f"{variable} == {value}"}), "code")
-        for i in range(int(tag[-1]))
-        for value in [element.attributes.pop(f"case_{i + 1}", "")]
-    ]
-    if len(element.children) != len(cases) + 1:
-        raise ValueError(f"expected {len(cases) + 1} children in <{tag}>")
-    *branches, node = (without_interrupts(child) for child in importer.nodes(element))
-    for case, branch in zip(reversed(cases), reversed(branches), strict=True):
-        node = if_else(case, (branch, node), "self")
-    return node
+    """Guards of the cases, of which the last child has none."""
+    given, tests = element.attributes, []
+    variable = importer.resolved(given.pop("variable", "")).strip("{}")
+    for i in range(int(tag[-1])):
+        given["code"] = f"{variable} == {given.pop(f'case_{i + 1}', '')}"
+        tests.append(importer.condition(element, "code"))
+    if len(element.children) != len(tests) + 1:
+        raise ValueError(f"expected {len(tests) + 1} children in <{tag}>")
+    return switch(tests, [*map(without_interrupts, importer.nodes(element))])
+
+
+def _precondition(importer: Importer, element: Element, tag: str) -> Node:
+    """A Precondition, or a BlackboardCheck of version 3, which looks again in each tick."""
+    given, watches = element.attributes, tag != "Precondition"
+    if watches:
+        left, right = (importer.resolved(given.pop(f"value_{side}", "")) for side in "AB")
+        right = right.strip("{}") if right[:1] == "{" or tag[-6:] != "String" else f"'{right}'"
+        given["code"] = f"{left.strip('{}')} == {right}"
+    else:
+        given["code"] = given.pop("if", "")
+    status = given.pop("return_on_mismatch" if watches else "else", "FAILURE")
+    test, child = importer.condition(element, "code"), without_interrupts(importer.child(element))
+    if status == "RUNNING" and not watches:
+        return Node("sequence", (), (Node("until_success", (), (check(test),)), child))
+    if status not in ("SUCCESS", "FAILURE"):
+        raise ValueError(f"expected SUCCESS or FAILURE as the other status, found {shown(status)}")
+    return unless(opposite(test), child, status.lower(), watches=watches)
 
 
 def _set(importer: Importer, element: Element, tag: str) -> Node:
     """A Script or a SetBlackboard."""
-    code = importer.script(element, "code")
+    given = element.attributes
     if tag == "SetBlackboard":
-        name = importer.key(element.attributes.pop("output_key", ""))
-        value = element.attributes.pop("value", "")
-        key = importer.vocabulary.keys.get(name)
+        name = given.pop("output_key", "").strip("{}")
+        value = importer.resolved(given.pop("value", ""))
+        key = importer.vocabulary.keys.get(importer.resolved(f"{{{name}}}")[1:-1])
         if value[:1] + value[-1:] == "{}":
-            value = importer.key(value)
+            value = value[1:-1]
         elif key is not None and key.words:
             value = f"'{value}'"
-        code = f"{name} := {value}"
-    assigned = read_assignments(code, importer.vocabulary)
-    nodes = tuple(Node("set", SetArgs(each)) for each in assigned)
+        given["code"] = f"{name} := {value}"
+    nodes = importer.assignments(element)
     return nodes[0] if len(nodes) == 1 else Node("sequence", (), nodes)
 
 
@@ -333,10 +333,9 @@ def _action(importer: Importer, element: Element, tag: str) -> Node:
     for port, parameter in vocabulary.action(tag).arguments.items():
         if port not in given:
             continue
-        text = given.pop(port)
-        key = importer.key(text)
-        if _BOARD.fullmatch(text) and vocabulary.gives(key, parameter):
-            values[port] = f"{{{key}}}"
+        text = importer.resolved(given.pop(port))
+        if _BOARD.fullmatch(text) and vocabulary.gives(text[1:-1], parameter):
+            values[port] = text
             continue
         values[port] = _FLAGS.get(text, text) if parameter.sort == "flag" else text
         if parameter.numeric and _NUMBER.fullmatch(text.removeprefix("-")):
@@ -351,7 +350,7 @@ def _gate(importer: Importer, element: Element, tag: str) -> Node:
         raise ValueError(f"expected the node {tag} in the vocabulary, as a leaf")
     importer.differs(element, "gate")
     leaf = _action(importer, replace(element, children=[]), tag)
-    first = leaf if GATES[tag] == "sequence" else inverted(leaf)
+    first = leaf if GATES[tag] == "sequence" else _inverted(leaf)
     return Node(GATES[tag], (), (first, importer.child(element)))
 
 
@@ -364,7 +363,11 @@ def _reader(kind: str) -> Reader:
 
 READERS: Final[Mapping[str, Reader]] = {
     **{tag: _reader(kind) for tag, (kind, _) in TARGETS.items()},
-    **dict.fromkeys(("Sequence", "Fallback", "ReactiveSequence", "ReactiveFallback"), _composite),
+    **{
+        f"{prefix}{base}": _composite
+        for prefix in ("", "Reactive", "Async")
+        for base in ("Sequence", "Fallback")
+    },
     "SequenceWithMemory": _plain,
     "When": _when,
     "JudgedParallel": _judged,
@@ -374,11 +377,12 @@ READERS: Final[Mapping[str, Reader]] = {
     "Sleep": _timed,
     "Script": _set,
     "SetBlackboard": _set,
-    "ScriptCondition": _check,
-    "AlwaysSuccess": _always,
-    "AlwaysFailure": _always,
-    "IfThenElse": _branching,
-    "WhileDoElse": _branching,
+    "ScriptCondition": lambda importer, element, _: check(importer.condition(element, "code")),
+    "AlwaysSuccess": lambda *_: ALWAYS["success"],
+    "AlwaysFailure": lambda *_: ALWAYS["failure"],
+    "WhileDoElse": _while_else,
+    "Precondition": _precondition,
+    **{f"BlackboardCheck{sort}": _precondition for sort in ("Int", "Double", "String", "Bool")},
     **{f"Switch{n}": _switch for n in range(2, 7)},
     **dict.fromkeys(GATES, _gate),
     "SubTree": Importer.use,

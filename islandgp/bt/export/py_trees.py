@@ -15,9 +15,10 @@ from collections.abc import Sequence
 from inspect import getsource
 from typing import Final
 
-from islandgp.bt.core.arithmetic import Formula, divide, python
-from islandgp.bt.core.condition import Compound, Condition, ConditionExpr, terms
+from islandgp.bt.core.arithmetic import Formula, divide
+from islandgp.bt.core.condition import Condition, ConditionExpr, side_source, source, terms
 from islandgp.bt.core.kind import Target
+from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.language import to_text
 from islandgp.bt.core.node import (
     ActionArgs,
@@ -30,6 +31,7 @@ from islandgp.bt.core.node import (
     SetArgs,
     asked_in,
     keys_in,
+    keys_of,
     names_in,
     walk,
 )
@@ -52,12 +54,14 @@ def to_python(tree: Node, vocabulary: Vocabulary = EMPTY_VOCABULARY) -> str:
 
     Each named subtree becomes a separate function.
     """
-    leaves = (node.args for node in walk(tree) if isinstance(node.args, ActionArgs))
-    values = (value for args in leaves for _, value in args.values)
-    if given := {key for value in values if (key := referenced(value)) in vocabulary.keys}:
+    all_args = [node.args for node in walk(tree)]
+    values = (v for args in all_args if isinstance(args, ActionArgs) for _, v in args.values)
+    given = {key for value in values if (key := referenced(value)) in vocabulary.keys}
+    amounts = (args for args in all_args if isinstance(args, CountArgs | SecondsArgs))
+    if given := given.union(*map(keys_of, amounts)):
         raise DomainError(
-            f"Expected arguments without keys, as py_trees builds an action once, found"
-            f' "{{{min(given)}}}"; export it as XML (--to btcpp), or read the key in the action.'
+            f"Expected arguments, counts and seconds without keys, as py_trees builds a node once,"
+            f" found {min(given)!r}; export it as XML (--to btcpp), or read the key in the action."
         )
     assigned = (node.args.assigned for node in walk(tree) if isinstance(node.args, SetArgs))
     divides = any(term.divides for term in (*asked_in(tree), *assigned))
@@ -117,9 +121,6 @@ class _PythonWriter(TreeWriter):
                 return failure > 1 or success not in (1, len(node.children))
         return isinstance(node.args, SecondsArgs)
 
-    def comments(self, texts: Sequence[str]) -> list[str]:  # noqa: ARG002 -- a module has none
-        return []
-
     def use(self, name: str, lines: list[str]) -> list[str]:  # noqa: ARG002
         return [f"{name}(action, step_s),"]
 
@@ -143,6 +144,8 @@ class _PythonWriter(TreeWriter):
             return _call("Inverter('inverter', child=", children)
         target = self.target(node, observed)
         python = target.python if target else "EternalGuard({condition}, child="
+        if "(" not in python:
+            python += f"({node.kind!r}, {'child=' if kind_of(node).decorates else 'children=['}"
         return _call(python.format(**_values(node)), children)
 
 
@@ -164,7 +167,7 @@ def _values(node: Node) -> dict[str, object]:
             policy = "SuccessOnOne()" if one else "SuccessOnAll(synchronise=True)"
             return {"success": success, "failure": failure, "name": head(node), "policy": policy}
         case SecondsArgs(seconds):
-            return {"seconds": number_text(seconds)}
+            return {"seconds": number_text(float(seconds))}
         case SetArgs(assigned):
             return {"assignment": _assignment(assigned)}
         case CountArgs(times):
@@ -175,7 +178,7 @@ def _values(node: Node) -> dict[str, object]:
 def _assignment(assigned: Condition) -> str:
     """A name, the key, the keys that its value reads, and the value, as arguments of SetKey."""
     number, other = assigned.number, assigned.other
-    value = _value(other) if other else number_text(number)
+    value = side_source(other, _of_key) if other else number_text(number)
     if isinstance(number, Named):
         value = {"no": "False", "yes": "True"}.get(number.name, repr(number.name))
     keys = other.keys if isinstance(other, Formula) else (other,) * bool(other)
@@ -186,26 +189,14 @@ def _assignment(assigned: Condition) -> str:
 def _condition(condition: ConditionExpr) -> str:
     """A guard's name, keys and condition, as arguments of When and EternalGuard."""
     keys = [*dict.fromkeys(key for term in terms(condition) for key in term.keys)]
-    name, holds = condition_text(condition), f"lambda blackboard: {_expression(condition)}"
-    return f"{name!r}, blackboard_keys={keys!r}, condition={holds}"
+    holds = source(condition, _of_key, _of_number)
+    name = condition_text(condition)
+    return f"{name!r}, blackboard_keys={keys!r}, condition=lambda blackboard: {holds}"
 
 
-def _expression(expr: ConditionExpr) -> str:
-    if isinstance(expr, Condition):
-        if expr.operator in ("is", "not"):
-            return f"{_value(expr.key)} {'!=' if expr.operator == 'is' else '=='} 0"
-        number = expr.number
-        right = repr(number.name) if isinstance(number, Named) else number_text(number)
-        right = _value(expr.other) if expr.other else right
-        return f"{_value(expr.key)} {expr.operator} {right}"
-    inside = [
-        f"({_expression(part)})" if isinstance(part, Compound) else _expression(part)
-        for part in expr.parts
-    ]
-    return f"not {inside[0]}" if expr.word == "not" else f" {expr.word} ".join(inside)
+def _of_key(key: str) -> str:
+    return f"blackboard.get({key!r})"
 
 
-def _value(side: str) -> str:
-    """The value of a key or a formula."""
-    term = side.term if isinstance(side, Formula) else side
-    return python(term, lambda key: f"blackboard.get({key!r})")
+def _of_number(number: float) -> str:
+    return repr(number.name) if isinstance(number, Named) else number_text(number)

@@ -1,28 +1,24 @@
-"""Scripts of BehaviorTree.CPP such as `level < 25 && !found` or `tries := tries + 1`.
+"""Conditions and assignments of BehaviorTree.CPP's script language.
 
-A script is read with Python's parser, whose `~`, arithmetic and comparisons have the precedence of
-the library's, and the parser of the language checks the words of what it says.
+A script is translated to the text of a condition or a `set`, whose words the parser checks.
 """
 
 from __future__ import annotations
 
-import ast
 import re
 from collections.abc import Callable
-from typing import Any, Final, TypeVar
+from typing import Final, TypeVar
 
-from islandgp.bt.core.arithmetic import Operation, Term, negative, number_text, side
 from islandgp.bt.core.condition import (
+    MIRRORED,
     OPPOSITE,
     Condition,
     ConditionExpr,
     combine,
-    comparison,
     negate,
 )
 from islandgp.bt.core.language import parse, parse_condition
 from islandgp.bt.core.node import SetArgs
-from islandgp.bt.core.printer import condition_text
 from islandgp.bt.core.source import shown
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import TreeError
@@ -33,14 +29,11 @@ NOT_A_NUMBER: Final = ("<", "<=", ">", ">=")
 """Operators by which 0 / 0 compares with any number in the library, and with none in trees."""
 _ASSIGNMENT: Final = re.compile(r"\s*([A-Za-z_]\w*)\s*(:=|[-+*/]?=)(?!=)(.*)", re.DOTALL)
 _PLACE: Final = re.compile(r"^.*?:\d+:\d+: ")
-_WORD: Final = re.compile(r"'\w+'|[A-Za-z_]\w*|&&|\|\||!(?!=)")
-_OR: Final = "OR"  # a name of Python only: those of a script get an underscore in front
-_PYTHON: Final = {"&&": " and ", "||": f" and {_OR} and ", "!": "~"}
-"""In the library && and || have equal precedence, so both become `and`."""
-_SIGNS: Final = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/"}
-_OPERATORS: Final = {
-    ast.Lt: "<", ast.LtE: "<=", ast.Gt: ">", ast.GtE: ">=", ast.Eq: "==", ast.NotEq: "!=",
-}  # fmt: skip
+_TOKEN: Final = re.compile(r"'[^']*'|[A-Za-z_]\w*|[0-9.]+|&&|\|\||[<>=!]=|\S")
+_WORDS: Final = {"&&": "and", "||": "or", "!": "not"}
+_OPEN: Final = re.compile(r"^$|\b(and|or|not)$|[-+*/<>=]$")
+_FLAG: Final = re.compile(r"([A-Za-z_]\w*) (==|!=) (true|false|[01])(?![\w.]| [-+*/])")
+_TURNED: Final = re.compile(r"(^|\(|(?:and|or|not) )([0-9.]+) ([<>=!]=?) ([A-Za-z_]\w*)(?! [-+*/])")
 
 
 def read_condition(code: str, vocabulary: Vocabulary) -> ConditionExpr:
@@ -49,10 +42,20 @@ def read_condition(code: str, vocabulary: Vocabulary) -> ConditionExpr:
     Raises:
         ValueError: the script has no equivalent condition; the message has the reason.
     """
-    expr = _condition(_python(code), vocabulary)
-    return _with_numbers(
-        read_script(lambda: parse_condition(condition_text(expr), vocabulary), code)
-    )
+
+    def flag(match: re.Match[str]) -> str:
+        name, sign, value = match.groups()
+        is_flag = name in vocabulary.keys and vocabulary.keys[name].flag
+        if value in "01" and not is_flag:
+            return match[0]
+        return "not " * ((value in ("true", "1")) != (sign == "==")) + name
+
+    def turned(match: re.Match[str]) -> str:
+        before, number, sign, name = match.groups()
+        return f"{before}{name} {MIRRORED[sign]} {number}"
+
+    text = _TURNED.sub(turned, _FLAG.sub(flag, _tokens(code))).replace("'", "")
+    return _with_numbers(read_script(lambda: parse_condition(text, vocabulary), code))
 
 
 def read_assignments(code: str, vocabulary: Vocabulary) -> list[Condition]:
@@ -67,11 +70,12 @@ def read_assignments(code: str, vocabulary: Vocabulary) -> list[Condition]:
         if match is None:
             raise ValueError(f"expected key := value, found {shown(statement.strip())}")
         name, sign, right = match.groups()
-        right = right if sign in (":=", "=") else f"{name} {sign[0]} ({right})"
-        term = _term(_python(right))
-        truth = _truth(name, term, vocabulary)
-        value = number_text(term) if isinstance(term, float) else side(term)
-        text = f"set {name} = {value if truth is None else ('no', 'yes')[truth]}"
+        value = _tokens(right if sign in (":=", "=") else f"{name} {sign[0]} ({right})")
+        flags = {"true": "yes", "false": "no"}
+        if name in vocabulary.keys and vocabulary.keys[name].flag:
+            flags |= {"1": "yes", "0": "no"}
+        value = flags.get(value, value).replace("'", "")
+        text = f"set {name} = {value}"
         args = read_script(lambda text=text: parse(text, vocabulary), statement).args  # type: ignore[misc]
         assert isinstance(args, SetArgs)
         assigned.append(args.assigned)
@@ -100,63 +104,23 @@ def _with_numbers(expr: ConditionExpr) -> ConditionExpr:
     return expr
 
 
-def _python(code: str) -> ast.expr:
-    """The syntax tree of a script as Python, with an underscore in front of each name."""
-
-    def translated(match: re.Match[str]) -> str:
-        word = match[0]
-        return _PYTHON.get(word) or (word if word[0] == "'" else f"_{word}")
-
-    try:
-        return ast.parse(f"({_WORD.sub(translated, code)})", mode="eval").body
-    except (SyntaxError, RecursionError, MemoryError):
-        raise _not_read(code) from None
-
-
-def _not_read(code: str) -> ValueError:
-    return ValueError(f"expected a condition such as level < 25 && !found, found {shown(code)}")
-
-
-def _condition(node: ast.expr, vocabulary: Vocabulary) -> ConditionExpr:
-    match node:
-        case ast.BoolOp(_, [first, *others]):
-            expr, word = _condition(first, vocabulary), "and"
-            for each in others:
-                if isinstance(each, ast.Name) and each.id == _OR:
-                    word = "or"
-                else:
-                    expr, word = combine(word, (expr, _condition(each, vocabulary))), "and"
-            return expr
-        case ast.UnaryOp(ast.Invert(), operand):
-            return negate(_condition(operand, vocabulary))
-        case ast.Compare(left, [sign], [right]) if operator := _OPERATORS.get(type(sign), ""):
-            key, value = _term(left), _term(right)
-            if (truth := _truth(key, value, vocabulary)) is None:
-                return comparison(key, operator, value)
-            return Condition(str(key), "is" if truth == (operator == "==") else "not", 0.0)
-        case _:
-            return Condition(side(_term(node)), "is", 0.0)
-
-
-def _term(node: ast.expr) -> Any:
-    match node:
-        case ast.Name(name):
-            return name[1:]
-        case ast.Constant(str(word)):
-            return word
-        case ast.Constant(int(number) | float(number)):
-            return float(min(number, 1e300))
-        case ast.UnaryOp(ast.USub(), operand):
-            return negative(_term(operand))
-        case ast.BinOp(left, sign, right) if type(sign) in _SIGNS:
-            return Operation(_SIGNS[type(sign)], (_term(left), _term(right)))
-    raise _not_read(re.sub(r"\b_", "", ast.unparse(node)))
-
-
-def _truth(key: Term, value: Term, vocabulary: Vocabulary) -> bool | None:
-    """The value of a flag: true, false, or 1 or 0 beside a key that is one; else None."""
-    is_flag = key in vocabulary.keys and vocabulary.keys[str(key)].flag
-    flags: dict[Term, bool] = {"true": True, "false": False}
-    if is_flag:
-        flags |= {1.0: True, 0.0: False}
-    return flags.get(value)
+def _tokens(code: str) -> str:
+    """The words of a script, with a blank between two; && and || have equal precedence there."""
+    levels: list[list[str]] = [[]]
+    for token in _TOKEN.findall(code):
+        here = levels[-1]
+        if here[-2:-1] == ["not"] and token not in ("&&", "||", ")"):
+            levels.append([])  # there, ! binds more strongly than a comparison
+        if token == "(":
+            levels.append([])
+        elif token == ")" and len(levels) > 1:
+            levels.pop()
+            levels[-1].append(f"({' '.join(here)})")
+        elif token == "&&" and "or" in here:
+            here[:] = [f"({' '.join(here)})", "and"]
+        else:
+            here.append(_WORDS.get(token, token))
+    text = " ".join(levels[0])
+    if len(levels) > 1 or _OPEN.search(text) or not {*text}.isdisjoint('{}#"'):
+        raise ValueError(f"expected a condition such as level < 25 && !found, found {shown(code)}")
+    return text

@@ -99,9 +99,9 @@ class TreeWriter(ABC):
     def use(self, name: str, lines: list[str]) -> list[str]:
         """The lines of the use of a subtree, whose own lines are given."""
 
-    @abstractmethod
-    def comments(self, texts: Sequence[str]) -> list[str]:
-        """The lines of comments."""
+    def comments(self, texts: Sequence[str]) -> list[str]:  # noqa: ARG002
+        """The lines of comments; by default none."""
+        return []
 
 
 def own_nodes(name: str) -> str:

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from contextlib import suppress
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Final, NamedTuple
 from xml.parsers import expat
@@ -13,6 +15,7 @@ from islandgp.errors import TreeError
 
 DEEPEST: Final = 300  # most levels of elements
 MAX_XML: Final = 1_000_000  # most characters of an included file
+MAX_SIBLINGS: Final = 1_000  # most files of the folder in which a tree is looked up
 
 
 @dataclass(slots=True)
@@ -24,8 +27,7 @@ class Element:
     line: int  # from 1
     column: int
     children: list[Element] = field(default_factory=list)
-    comments: tuple[str, ...] = ()  # before it, and after its last child
-    text: str = ""  # the first text inside it, other than blanks
+    comments: tuple[str, ...] = ()  # and texts, before it and after its last child
 
     def error(self, message: str, file: str, kind: type[TreeError] = TreeError) -> TreeError:
         """The error for an element of a file, with its place."""
@@ -62,11 +64,12 @@ def read_xml(text: str, *, name: str) -> Element:
         comments.clear()
 
     def text_between(text: str) -> None:
-        open_elements[-1].text = open_elements[-1].text or text.strip()
+        comments.extend(filter(None, [text.strip()]))
 
     def doctype(*_: object) -> None:
         raise here("", {}).error("expected no document type", name)
 
+    parser.buffer_text = True
     parser.StartElementHandler = start
     parser.EndElementHandler = end
     parser.StartDoctypeDeclHandler = doctype
@@ -91,7 +94,7 @@ class XmlTree(NamedTuple):
 
 
 class XmlTrees:
-    """The trees of a file and of those that it includes, by ID."""
+    """The trees of a file, of those that it includes, and of others in its folder, by ID."""
 
     def __init__(self, main: Element, name: str, folder: Path | None) -> None:
         """Reads the files.
@@ -111,6 +114,20 @@ class XmlTrees:
         self._add(main, name, top)
         if not self.by_id:
             raise main.error("expected <root> with a <BehaviorTree>, found none", name)
+
+    def find(self, identity: str) -> XmlTree | None:
+        """The tree of an ID, also if it is in a file beside the main one that is not included."""
+        if identity not in self.by_id and self._top is not None:
+            for path in islice(sorted(self._top.glob("*.xml")), MAX_SIBLINGS):
+                with suppress(OSError, ValueError, TreeError):
+                    text = path.read_text(encoding="utf-8")
+                    if f'ID="{identity}"' not in text or len(text) > MAX_XML:
+                        continue
+                    for element in read_xml(text, name=path.name).children:
+                        if element.tag == "BehaviorTree" and element.attributes.get("ID"):
+                            tree = XmlTree(element, path.name)
+                            self.by_id.setdefault(element.attributes["ID"], tree)
+        return self.by_id.get(identity)
 
     def _add(self, root: Element, file: str, above: tuple[Path, ...]) -> None:
         """Adds the trees of a file; `above`: its path, after those of the files that include it."""

@@ -75,7 +75,7 @@ def run_episode(
             timed=timed,
             may_coast=may_coast,
         )
-        episode = _run(tree, island, actions, watch, observe, sensors)
+        episode = _run(tree, island, seed, actions, watch, observe, sensors)
         island.spaces.append(island.physics)
         if episode is not None:
             return episode
@@ -85,6 +85,7 @@ def run_episode(
 def _run(
     tree: Node,
     island: State,
+    seed: int,
     actions: Mapping[str, IslandAction],
     watch: Callable[[int, int], None] | None,
     observe: Callable[[State], None] | None,
@@ -99,6 +100,7 @@ def _run(
         VOCABULARY.key_index,
         watch=watch,
         step_s=island.world.episode.step,
+        seed=seed,
     )
     status, ticks = FAILURE, 0
     while (task := engine.proceed(island.record, status)) < engine.ENDED:

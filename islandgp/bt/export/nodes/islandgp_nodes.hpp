@@ -595,22 +595,24 @@ class CountPerTick : public BT::DecoratorNode
 protected:
   CountPerTick(const std::string& name, const BT::NodeConfig& config, const std::string& port,
                BT::NodeStatus counted)
-    : BT::DecoratorNode(name, config), counted_(counted)
-  {
-    const auto found = getInput<int>(port);
-    if(!found || found.value() < 1)
-    {
-      throw BT::RuntimeError(name, ": expected ", port, " of at least 1");
-    }
-    count_ = found.value();
-  }
+    : BT::DecoratorNode(name, config), port_(port), counted_(counted)
+  {}
 
 private:
   BT::NodeStatus tick() override
   {
     if(status() != BT::NodeStatus::RUNNING)
     {
-      left_ = count_;
+      const auto found = getInput<double>(port_);
+      if(!found)
+      {
+        throw BT::RuntimeError(name(), ": expected a number as ", port_, ": ", found.error());
+      }
+      left_ = found.value();
+      if(left_ < 1)
+      {
+        return counted_;
+      }
     }
     setStatus(BT::NodeStatus::RUNNING);
     const auto result = child_node_->executeTick();
@@ -623,12 +625,12 @@ private:
     {
       return result;
     }
-    return --left_ == 0 ? counted_ : BT::NodeStatus::RUNNING;
+    return --left_ < 1 ? counted_ : BT::NodeStatus::RUNNING;
   }
 
+  std::string port_;
   BT::NodeStatus counted_;
-  int count_ = 1;
-  int left_ = 1;  // ends that count, still to come
+  double left_ = 1;  // ends that count, still to come
 };
 
 /// Does one repetition a tick, until its child has succeeded num_cycles times. Fails with its child.
@@ -641,7 +643,7 @@ public:
 
   static BT::PortsList providedPorts()
   {
-    return { BT::InputPort<int>("num_cycles", "successes of the child that are needed") };
+    return { BT::InputPort<double>("num_cycles", "successes of the child that are needed") };
   }
 };
 
@@ -655,7 +657,7 @@ public:
 
   static BT::PortsList providedPorts()
   {
-    return { BT::InputPort<int>("num_attempts", "failures of the child that end it") };
+    return { BT::InputPort<double>("num_attempts", "failures of the child that end it") };
   }
 };
 
@@ -671,21 +673,17 @@ public:
 protected:
   /// `step_s`: the seconds between two ticks.
   CountsTicks(const std::string& name, const BT::NodeConfig& config, double step_s)
-    : BT::DecoratorNode(name, config)
+    : BT::DecoratorNode(name, config), step_s_(step_s)
   {
-    const auto found = getInput<double>("seconds");
-    if(!found || !(found.value() > 0) || !(step_s > 0))
+    if(!(step_s > 0))
     {
-      throw BT::RuntimeError(name, ": expected seconds above 0, and register_nodes(factory, seconds) with those"
-                                   " between two ticks");
+      throw BT::RuntimeError(name, ": expected register_nodes(factory, seconds) with those between two ticks");
     }
-    // 0.6 s are three ticks of 0.2 s, although 0.6 / 0.2 is not 3 in floating point.
-    ticks_ = std::max(1.0, std::ceil(found.value() / step_s * (1 - 1e-12)));
   }
 
   void count()
   {
-    left_ = status() == BT::NodeStatus::RUNNING ? left_ - 1 : ticks_;
+    left_ = status() == BT::NodeStatus::RUNNING ? left_ - 1 : ticks();
     setStatus(BT::NodeStatus::RUNNING);
   }
 
@@ -702,7 +700,19 @@ protected:
   double left_ = 0;  // ticks
 
 private:
-  double ticks_ = 1;
+  double ticks()
+  {
+    const auto found = getInput<double>("seconds");
+    if(!found)
+    {
+      throw BT::RuntimeError(name(), ": expected seconds: ", found.error());
+    }
+    const auto seconds = std::max(0.001, std::min(100000.0, found.value()));
+    // 0.6 s are three ticks of 0.2 s, although 0.6 / 0.2 is not 3 in floating point.
+    return std::max(1.0, std::ceil(seconds / step_s_ * (1 - 1e-12)));
+  }
+
+  double step_s_;
 };
 
 /// Starts its child some ticks after its own start.
