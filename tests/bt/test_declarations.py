@@ -9,7 +9,7 @@ import pytest
 from islandgp.bt.core import node
 from islandgp.bt.core.condition import OPERATORS, Condition
 from islandgp.bt.core.kinds import COUNTED, KEYWORDS, KINDS, TIMED
-from islandgp.bt.core.language import _parser, parse, to_text
+from islandgp.bt.core.language import parse, parser_of, to_text
 from islandgp.bt.core.node import leaf
 from islandgp.bt.core.vocabulary import RESERVED, Action, Vocabulary, number
 from islandgp.domains.island.vocabulary import VOCABULARY
@@ -20,7 +20,7 @@ NAMES = (*VOCABULARY.actions, *VOCABULARY.keys)
 
 
 def grammar_keywords() -> set[str]:
-    patterns = (terminal.pattern for terminal in _parser().terminals)
+    patterns = (terminal.pattern for terminal in parser_of().terminals)
     words = {p.value for p in patterns if p.type == "str" and p.value.isidentifier()}
     return words | {*KEYWORDS}
 

@@ -18,7 +18,6 @@ from islandgp.bt.core.node import (
     ticks_of,
 )
 from islandgp.errors import DomainError
-from islandgp.seeding import Stream, stream
 
 ABORTED: Final = 4  # passed to a watch only: the node was running and has been stopped
 
@@ -147,6 +146,8 @@ class Compiler:
 
     def order(self, count: int) -> Callable[[], list[int]]:
         """The function that draws an order of the children of the node that is compiled."""
+        from islandgp.seeding import Stream, stream  # needs NumPy
+
         rng = stream(self._seed, Stream.ORDER, slot=len(self._running))
         return lambda: rng.permutation(count).tolist()
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -13,8 +12,6 @@ from islandgp.errors import LimitError
 
 MAX_FILES: Final = 50  # most included files, directly or indirectly
 MAX_CHARACTERS: Final = 100_000  # most characters of a text with what it includes
-
-_INCLUDE: Final = re.compile(r'^\s*include\s*"([^"\n]+)"', re.MULTILINE)
 
 
 class ParsedFile(NamedTuple):
@@ -55,7 +52,7 @@ def load_includes(
                     "only a text in a file can include files",
                     expected="a text without include",
                 )
-            path = _included_path(name, folder, beside)
+            path = included_path(name, folder, beside)
             if path is None or path in above:
                 raise source.error_at(
                     token,
@@ -66,7 +63,7 @@ def load_includes(
             if path in texts:
                 continue
             try:
-                texts[path] = _read(path)
+                texts[path] = read_included(path)
             except (OSError, UnicodeDecodeError) as error:
                 reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
                 raise source.error_at(
@@ -88,28 +85,7 @@ def load_includes(
     return parts
 
 
-def find_includes(text: str, folder: Path) -> dict[Path, str]:
-    """The files that a text includes, directly or indirectly, with their texts.
-
-    Does not raise: a file that cannot be read is "", and invalid includes are skipped. For editors,
-    which read incomplete files.
-    """
-    texts: dict[Path, str] = {}
-    waiting = [(text, folder)]
-    while waiting:
-        source, beside = waiting.pop()
-        for name in _INCLUDE.findall(source):
-            path = _included_path(name, folder, beside)
-            if path is None or path in texts or len(texts) == MAX_FILES:
-                continue
-            texts[path] = ""
-            with suppress(OSError, ValueError):
-                texts[path] = _read(path)
-            waiting.append((texts[path], path.parent))
-    return texts
-
-
-def _included_path(name: str, folder: Path, beside: Path) -> Path | None:
+def included_path(name: str, folder: Path, beside: Path) -> Path | None:
     """The path of an included file; None if it is not in the folder or below."""
     if not name or "\\" in name or Path(name).is_absolute():
         return None
@@ -120,7 +96,7 @@ def _included_path(name: str, folder: Path, beside: Path) -> Path | None:
     return None
 
 
-def _read(path: Path) -> str:
+def read_included(path: Path) -> str:
     """The text of a file, or more than MAX_CHARACTERS of it. Raises OSError, UnicodeDecodeError."""
     if not path.is_file():  # reading a pipe could block
         raise FileNotFoundError(0, "there is no such file")

@@ -31,7 +31,7 @@ from islandgp.errors import ConfigError, LimitError, OtherDomainError, TreeError
 from islandgp.resources import resource
 
 if TYPE_CHECKING:
-    from lark import Lark, Token
+    from lark import Lark
 
 _GAP: Final = r"(?:[ \t\n]|#[^\n]*+)"  # between two words; possessive, so that it cannot backtrack
 _CALL: Final = rf"{_GAP}*+\({_GAP}*+(?:\)|[A-Za-z_][A-Za-z0-9_]*+{_GAP}*+:)"
@@ -174,7 +174,7 @@ def files_of(
         from lark.exceptions import UnexpectedInput
 
         try:
-            return _parser(placed).parse(source.text, start=rule)
+            return parser_of(placed).parse(source.text, start=rule)
         except UnexpectedInput as error:
             from islandgp.bt.core.messages import syntax_error  # only for trees with errors
 
@@ -213,18 +213,6 @@ def _build(builder: Builder, parts: Sequence[ParsedFile]) -> Node:
     return node
 
 
-def following(text: str, rule: str = "library") -> frozenset[str]:
-    """The terminals of the grammar that can follow a text; none if the text is not valid."""
-    from lark.exceptions import UnexpectedInput
-
-    interactive = _parser().parse_interactive(plain(text), start=rule)
-    try:
-        interactive.exhaust_lexer()
-    except UnexpectedInput:
-        return frozenset()
-    return frozenset(interactive.accepts())  # type: ignore[no-untyped-call] # lark types it not
-
-
 def parse_condition(text: str, vocabulary: Vocabulary) -> ConditionExpr:
     """Parses a condition, as after `when`. Raises TreeError as `parse`."""
     name = "<condition>"
@@ -249,13 +237,8 @@ def domain_place(text: str) -> tuple[int, int]:
     return before.count("\n") + 1, len(before) - before.rfind("\n")
 
 
-def words(text: str, rule: str = "library") -> Iterator[Token]:
-    """The words of a text with their places in `plain(text)`. Raises lark's error at a fault."""
-    return _parser().parse_interactive(plain(text), start=rule).iter_parse()
-
-
 @cache
-def _parser(placed: bool = False) -> Lark:  # to know all places takes a third longer
+def parser_of(placed: bool = False) -> Lark:  # to know all places takes a third longer
     from lark import Lark, __version__
 
     if __version__.startswith("0."):

@@ -9,6 +9,7 @@ from textwrap import shorten
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from islandgp.bt.core.condition import OPERATORS
+from islandgp.bt.core.incomplete import following, words
 from islandgp.bt.core.kinds import KEYWORDS, KINDS, SHORT
 from islandgp.bt.core.parameters import Parameter, value_range
 from islandgp.bt.core.source import Source, Word, closest, shown
@@ -200,8 +201,6 @@ def _words_before(source: Source, error: UnexpectedInput, rule: str) -> list[Tok
     """The words before the fault; at a wrong character, those that don't touch it."""
     from lark.exceptions import UnexpectedInput, UnexpectedToken
 
-    from islandgp.bt.core.language import words
-
     before: list[Token] = []
     with suppress(UnexpectedInput):  # the fault itself
         before.extend(words(source.text, rule))
@@ -215,8 +214,6 @@ def _accepted(
     source: Source, before: Sequence[Token], rule: str, vocabulary: Vocabulary | None
 ) -> frozenset[str]:
     """The terminals that can follow the words before a fault, without those seldom meant."""
-    from islandgp.bt.core.language import following
-
     last = before[-1] if before else ""
     accepted = following(source.text[: getattr(last, "end_pos", 0)], rule) - _SELDOM
     if "NOT" in accepted:
@@ -232,8 +229,6 @@ def _unknown_before(
     source: Source, before: Sequence[Token], vocabulary: Vocabulary
 ) -> TreeError | None:
     """The error for an unknown name before the fault, the likelier cause: `slector { ... }`."""
-    from islandgp.bt.core.language import following
-
     subtrees = [str(name) for previous, name in pairwise(before) if previous == "subtree"]
     for word in before[-3:]:
         accepted = following(source.text[: word.start_pos]) if word.type == "NAME" else ()

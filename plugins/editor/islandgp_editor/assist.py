@@ -14,9 +14,8 @@ from typing import Final, Literal, NamedTuple, TypeAlias
 
 from islandgp.bt.core.arithmetic import SIGNS
 from islandgp.bt.core.condition import OPERATORS
-from islandgp.bt.core.includes import find_includes
+from islandgp.bt.core.incomplete import find_includes, following
 from islandgp.bt.core.kinds import KEYWORDS, KINDS
-from islandgp.bt.core.language import following
 from islandgp.bt.core.node import STATUS_NAMES
 from islandgp.bt.core.parameters import Parameter, signature, value_range
 from islandgp.bt.core.printer import condition_text
