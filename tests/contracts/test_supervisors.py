@@ -58,7 +58,7 @@ class Recorder:
         """The replay's answer to a state that a live supervisor has answered."""
         live = llm()
         live.advise(state, deepcopy(rng))
-        return Replay(live.adviser, live._open().transcript).advise(state, rng)
+        return Replay(live.adviser, live.calls.transcript).advise(state, rng)
 
 
 def yoked() -> Yoked:

@@ -204,8 +204,8 @@ def test_no_cap_is_passed(cap: str) -> None:
     )
     llm, _ = supervisor(script, cap)
     assert run_of(llm, 40)[-1] == "fallback"
-    assert llm._calls is not None
-    most = llm._calls.ledger.most()
+    assert llm.calls is not None
+    most = llm.calls.ledger.most()
     totals = {
         "usd": most.usd,
         "input_tokens": most.input_tokens,
@@ -327,7 +327,7 @@ def test_no_wait_passes_the_cap_on_seconds() -> None:
         "caps.seconds=40",
     )
     slept: list[float] = []
-    llm._open().sleep = slept.append
+    llm.calls.sleep = slept.append
     advise(llm)
     assert slept[:2] == [25, pytest.approx(15, abs=1)]
     assert sum(slept) == pytest.approx(40, abs=1)

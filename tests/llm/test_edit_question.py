@@ -65,7 +65,7 @@ def test_an_edit_is_taken() -> None:
         ({"kind": "melt"}, "kind: expected 'front'"),
         ({"branch": "FlyHome"}, "FlyHome"),
         ({"branch": "selector {"}, "edit 1"),
-        ({"branch": None}, "branch: expected a value"),
+        ({"branch": None}, "expected a branch in an edit front, found none"),
         ({"branch": 7}, "branch: expected a valid string"),
         ({"kind": "number", "number": "many"}, "number: expected a valid number"),
         ({"kind": "number", "number": float("inf")}, "number"),

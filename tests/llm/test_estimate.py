@@ -80,8 +80,8 @@ def test_a_run_never_takes_more_than_the_most(tmp_path: Path) -> None:
     llm, _ = supervisor(answering(rate="x" * 9000, tree="y" * 9000), run_context=run_context)
     for generation in range(3):
         advise(llm, state(generation))
-    assert llm._calls is not None
-    most = llm._calls.ledger.most()
+    assert llm.calls is not None
+    most = llm.calls.ledger.most()
     bound = at_most(llm.settings, run_context)
     assert most.requests <= bound.requests
     assert most.input_tokens <= bound.input_tokens

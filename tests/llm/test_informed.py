@@ -20,8 +20,7 @@ from islandgp.records.folder import RunFolder
 from islandgp.running.parts import make_supervisor, run_context
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, Guidance, RunContext, Supervisor
-from islandgp.supervision.llm.episode import describe_episode
-from islandgp.supervision.llm.history import RunHistory, best_rank, most_lacking
+from islandgp.supervision.llm.history import RunHistory, best_rank, describe_episode, most_lacking
 from islandgp.supervision.llm.questions import Questions
 from tests.composed import composed
 from tests.goldens import check_golden

@@ -260,7 +260,7 @@ def test_a_wait_ends_with_the_cap_on_seconds() -> None:
     tired = failed(FailureKind.RATE_LIMITED, 86400)
     llm, client = supervisor(lambda request, n: tired, *patient)  # noqa: ARG005
     slept: list[float] = []
-    llm._open().sleep = slept.append
+    llm.calls.sleep = slept.append
     assert advise(llm, state(0)).notes["tree"].startswith("fallback: budget: the cap seconds=100")
     assert sum(slept) == pytest.approx(100, abs=1)
     assert len(client.requests) == 1
@@ -372,7 +372,7 @@ def test_closing_leaves_no_trace_of_a_call_under_way() -> None:
     """An answer that comes after the run's end is not written: a resumed run asks again."""
     llm, client = supervisor(answering())
     llm.start()
-    calls = llm._open()
+    calls = llm.calls
     before = len(calls.transcript.attempts)
 
     class Slow(FakeClient):

@@ -25,7 +25,7 @@ from islandgp.resources import resource
 from islandgp.running.parts import make_search, make_supervisor, run_context
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, Guidance, RunContext, Supervisor
-from islandgp.supervision.llm.episode import describe_episode
+from islandgp.supervision.llm.history import describe_episode
 from islandgp.supervision.llm.prompts import fixed_values
 from islandgp.supervision.llm.questions import Questions
 from islandgp.text import in_points, rounded
@@ -235,7 +235,7 @@ def test_prompts_have_factors_if_the_curriculum_has_some() -> None:
     flat = run_context.curriculum.model_copy(update={"stages": (stage,)})
     without = replace(run_context, curriculum=flat)
     assert "next_multipliers" not in system("rate", without)
-    assert fixed_values(without)["curriculum"] == ""
+    assert fixed_values(without, without.library())["curriculum"] == ""
 
 
 def test_small_points_are_not_rounded_away() -> None:
@@ -253,5 +253,5 @@ def test_a_domain_without_descriptions_has_run_facts() -> None:
         schema = replace(SCHEMA, endings={})
 
     plain = replace(run_context, schema=Plain.schema, domain_in=lambda _: Plain())  # type: ignore[arg-type, return-value]
-    assert "Why an episode ended" not in fixed_values(plain)["episode"]
-    assert "one episode a generation" in fixed_values(plain)["episode"]
+    assert "Why an episode ended" not in fixed_values(plain, plain.library())["episode"]
+    assert "one episode a generation" in fixed_values(plain, plain.library())["episode"]

@@ -127,6 +127,9 @@ def schema(model: type[BaseModel]) -> dict[str, Any]:
     return plain(full)
 
 
+NEEDED: Final = {kind.needs for kind in EDITS.values()}
+
+
 class EditsAnswer(ModelAnswer, frozen=True):
     """The answer to the prompt `edits`. Each edit is checked by itself."""
 
@@ -347,14 +350,11 @@ def _edit(values: Mapping[str, Any]) -> Edit:
     Raises ValueError or TreeError if they are not those of an edit.
     """
     answer = EditAnswer.model_validate({k: v for k, v in values.items() if v not in (None, "")})
-    needs = EDITS[answer.kind].needs
-    if needs not in answer.model_fields_set:
-        raise ValueError(f"{needs}: expected a value in an edit {answer.kind}, found none")
-    needed: Any = getattr(answer, needs)
-    if needs == "branch":
-        needed = parse(needed, name="branch")
-    others = answer.model_dump(exclude={"branch", "number", "donor"})
-    return Edit(**{**others, needs: needed})
+    needs, given = EDITS[answer.kind].needs, answer.model_dump(exclude={*NEEDED})
+    if needs in answer.model_fields_set:
+        value = getattr(answer, needs)
+        given[needs] = parse(value, name="branch") if needs == "branch" else value
+    return Edit(**given)
 
 
 def _check_new(text: str, before: Node, existing: frozenset[str], vocabulary: Vocabulary) -> None:

@@ -306,7 +306,7 @@ class LocalClient(ThreadClient):
                 )
             except Exception as error:  # of llama.cpp, for a grammar or a prompt that it refuses
                 return refused(400, str(error), {})
-        return read_body("chat", json.dumps(answer))
+        return read_body("local", json.dumps(answer))
 
     def close(self) -> None:
         """See `Client`."""

@@ -276,24 +276,39 @@ def _tokens(counts: Iterable[Any]) -> list[int]:
 
 
 class Interface(NamedTuple):
-    """An interface of servers, and the SDK that speaks it."""
+    """An interface of servers, the SDK that speaks it, and its variables of the environment."""
 
+    server: str  # the default one
+    keys: tuple[str, ...]  # variables with a key or token, sent in the same header
+    address: str  # variable
     sdk: str  # class of its client; the default of `client_factory`
     path: str  # of a request
     body: Callable[[Request], dict[str, Any]]
     read: Callable[[dict[str, Any]], Reply]
-    headers: Mapping[str, str]
+    headers: Mapping[str, str] = {}
 
 
 INTERFACES: Final = {
     "anthropic": Interface(
+        "the Anthropic API",
+        ("ANTHROPIC_API_KEY", "ANTHROPIC_AUTH_TOKEN"),
+        "ANTHROPIC_BASE_URL",
         "anthropic:Anthropic",
         "/v1/messages",
         message_body,
         _read_message,
         {"anthropic-version": "2023-06-01"},  # later versions reject `temperature`
     ),
-    "chat": Interface("openai:OpenAI", "/chat/completions", chat_body, _read_chat, {}),
+    "chat": Interface(
+        "the OpenAI API",
+        ("OPENAI_API_KEY",),
+        "OPENAI_BASE_URL",
+        "openai:OpenAI",
+        "/chat/completions",
+        chat_body,
+        _read_chat,
+    ),
+    "local": Interface("this machine", (), "", "", "", chat_body, _read_chat),
 }
 """By `supervisor.policy.interface`."""
 

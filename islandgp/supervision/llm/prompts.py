@@ -13,7 +13,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from difflib import get_close_matches
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
@@ -38,6 +38,8 @@ SMALL_SET: Final = "small"
 """The prompts for small models, whose answers are decoded by a grammar."""
 MAX_TREE: Final = 1500  # most characters of a tree
 MAX_REWARDS: Final = 2000  # most characters of rewards that are not a table of events
+_HEAD: Final = re.compile(r"\A(#[^\n]+\n)+#\n")
+"""The first paragraph of a tree file's comment, which is about the library."""
 _PART: Final = re.compile(r"^# (system|user)\s*$", re.MULTILINE)
 
 SYNTAX: Final = {
@@ -131,17 +133,21 @@ def load_prompt(name: str, setting: str) -> Prompt:
     return Prompt(name, parts.get("system", "").strip(), parts["user"].strip())
 
 
-def fixed_values(context: RunContext) -> dict[str, Any]:
+def fixed_values(context: RunContext, library: Library) -> dict[str, Any]:
     """The values that are the same in all generations: the variables of `parts.jinja`."""
-    schema, classes, rewards = context.schema, context.classes, context.rewards
-    components = multiplied(context)
+    schema, curriculum, rewards = context.schema, context.curriculum, context.rewards
+    behaviours = context.classes.behaviours.items()
     plain = "" if isinstance(rewards, RewardTable) else json.dumps(rewards.model_dump(mode="json"))
+    firsts: dict[int, int] = {}  # generation of each stage
+    for generation in range(context.generations):
+        firsts.setdefault(curriculum.stage(generation), generation)
     data = {
         "run": context,
-        "behaviours": {n: schema.counters[c].meaning for n, c in classes.behaviours.items()},
-        "multiplied": {n: m for n, m in schema.components.items() if n in components},
-        "staged": stages_differ_by(context),
-        "about": _about_stages(context),
+        "behaviours": {name: schema.counters[counter].meaning for name, counter in behaviours},
+        "stages": [
+            (k + 1, g, curriculum.stages[k], about(context.domain_in(g))) for k, g in firsts.items()
+        ],
+        "library": library,
         "plain_rewards": plain[:MAX_REWARDS],
         "kinds_of_edits": EDITS,
         "kinds": {name: kind.meaning for name, kind in KINDS.items() if kind.paper},
@@ -150,32 +156,11 @@ def fixed_values(context: RunContext) -> dict[str, Any]:
         "operators": OPERATORS,
         "signature": signature,
         "described": described,
+        "headless": partial(_HEAD.sub, ""),
     }
     module = environment().get_template("parts.jinja").make_module(data)
     names = [name for name in vars(module) if not name.startswith("_")]
     return {n: v for n in names if isinstance(v := getattr(module, n), str | int)}
-
-
-_HEAD: Final = re.compile(r"\A(#[^\n]+\n)+#\n")
-"""The first paragraph of a file's comment, which is about the library."""
-
-
-def examples(part: str, library: Library) -> str:
-    """The example trees of the prompts for a part: explore or exploit; by default all trees."""
-    names = library.examples.get(part)
-    if names is None:
-        names = tuple(dict.fromkeys(n for t in library.targets.values() for n in t))
-    poor = library.examples.get("poor", ())
-    lead = "And one to learn from, not to follow:\n\n" if poor else ""
-    good, bad = ("\n".join(_example(name, library) for name in part) for part in (names, poor))
-    return good + "\n" * bool(poor and names) + lead + bad
-
-
-def _example(name: str, library: Library) -> str:
-    """The text of a library tree with its targets."""
-    targets = [target for target, names in library.targets.items() if name in names]
-    lead = f"For {', '.join(targets)}:\n\n" if targets else ""
-    return f"{lead}```\n{_HEAD.sub('', library.texts[name].strip())}\n```\n"
 
 
 def about(domain: Domain, seed: int | None = None) -> str:
@@ -186,35 +171,3 @@ def about(domain: Domain, seed: int | None = None) -> str:
         return general
     text = str(method(seed))
     return "" if text == general else text
-
-
-def multiplied(context: RunContext) -> frozenset[str]:
-    """The components with a factor in any stage of the run's curriculum."""
-    stages = context.curriculum.stages
-    return frozenset(name for k in _stages(context) for name in stages[k].multipliers)
-
-
-def stages_differ_by(context: RunContext) -> str:
-    """How the stages of the run differ, in words; "" with a single stage."""
-    stages = [context.curriculum.stages[k] for k in _stages(context)]
-    factors = len({tuple(sorted(stage.multipliers.items())) for stage in stages}) > 1
-    worlds = len(stages) > 1 and any(stage.world for stage in stages)
-    names = ["other factors, so another scale of fitness"] * factors + ["other worlds"] * worlds
-    return " and ".join(names)
-
-
-def _stages(context: RunContext) -> dict[int, int]:
-    """The first generation of each stage of the run, by the stage's index."""
-    firsts: dict[int, int] = {}
-    for generation in range(context.generations):
-        firsts.setdefault(context.curriculum.stage(generation), generation)
-    return firsts
-
-
-def _about_stages(context: RunContext) -> list[str]:
-    """The world of each stage in words, once if they are equal."""
-    stages = _stages(context)
-    texts = {k: about(context.domain_in(g)) for k, g in stages.items()}
-    if len(set(texts.values())) == 1:
-        return [next(iter(texts.values()))]
-    return [f"Stage {k + 1}, from generation {stages[k]} on: {t}" for k, t in texts.items()]

@@ -37,12 +37,7 @@ from islandgp.supervision.llm.history import (
     sections,
 )
 from islandgp.supervision.llm.message import Request
-from islandgp.supervision.llm.prompts import (
-    examples,
-    fixed_values,
-    load_prompt,
-    stages_differ_by,
-)
+from islandgp.supervision.llm.prompts import fixed_values, load_prompt
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.state_json import OF_RATES, OF_STAGES, state_text
 
@@ -75,11 +70,13 @@ class Questions:
         # The paper's prompts leave out what the run teaches.
         self.informed = settings.prompts != "paper"
         rates = () if context.by_rate else OF_RATES
-        self._without = (*rates, *(() if stages_differ_by(context) else OF_STAGES))
         self._library = context.library()
+        fixed = fixed_values(context, self._library)
+        self._examples = [fixed.pop(f"{phase}_examples") for phase in ("explore", "exploit")]
+        self._without = (*rates, *(() if fixed["staged"] else OF_STAGES))
         self.values = {
             **dict.fromkeys((*LATER, *IN_REPAIRS), ""),
-            **fixed_values(context),
+            **fixed,
             "rate": settings.rate_words,
             "informed": self.informed,
         }
@@ -137,7 +134,7 @@ class Questions:
             "exploit": exploit,
             "depth": min(size.depth, self.context.limits.max_depth),
             "nodes": size.nodes,
-            "examples": examples("exploit" if exploit else "explore", self._library),
+            "examples": self._examples[exploit],
         }
 
     def _of_generation(self, part: str, state: PopulationState) -> dict[str, Any]:

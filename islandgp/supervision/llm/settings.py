@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import os
 import re
-from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple
+from typing import Annotated, Any, ClassVar, Final, Literal
 
 from pydantic import (
     AfterValidator,
@@ -19,6 +19,7 @@ from pydantic import (
 
 from islandgp.plugin import ComponentConfig
 from islandgp.supervision.base import SUPERVISES, PhaseRates, Rates
+from islandgp.supervision.llm.message import INTERFACES
 
 DAY: Final = 86_400  # s
 CHARACTERS: Final = 3.8  # of a token, as measured: docs/llm.md
@@ -57,23 +58,6 @@ def check_address(url: str) -> str:
 
 
 Address = Annotated[str, AfterValidator(check_address)]
-
-
-class API(NamedTuple):
-    """The default server of an interface, and its variables of the environment."""
-
-    name: str
-    keys: tuple[str, ...]  # variables with a key or token, sent in the same header
-    address: str  # variable
-
-
-API_OF: Final = {
-    "anthropic": API(
-        "the Anthropic API", ("ANTHROPIC_API_KEY", "ANTHROPIC_AUTH_TOKEN"), "ANTHROPIC_BASE_URL"
-    ),
-    "chat": API("the OpenAI API", ("OPENAI_API_KEY",), "OPENAI_BASE_URL"),
-    "local": API("this machine", (), ""),
-}
 
 
 class RetrySettings(BaseModel, frozen=True, extra="forbid"):
@@ -230,19 +214,19 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     def key(self) -> str | None:
         """The API key or token, without surrounding white space; None if there is none."""
         own = self.api_key.get_secret_value() if self.api_key is not None else ""
-        keys = (own, *(os.environ.get(name, "") for name in API_OF[self.interface].keys))
+        keys = (own, *(os.environ.get(name, "") for name in INTERFACES[self.interface].keys))
         return next((key.strip() for key in keys if key.strip()), None)
 
     @property
     def address(self) -> str | None:
         """The server's address; None for that of the client."""
-        variable = "" if self.client_factory is not None else API_OF[self.interface].address
+        variable = "" if self.client_factory is not None else INTERFACES[self.interface].address
         return self.base_url or os.environ.get(variable) or None
 
     @property
     def place(self) -> str:
         """The server's address or the client, for messages."""
-        return self.address or self.client_factory or API_OF[self.interface].name
+        return self.address or self.client_factory or INTERFACES[self.interface].server
 
     @property
     def price(self) -> Price | None:

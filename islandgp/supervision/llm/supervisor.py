@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
+from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
@@ -203,12 +204,18 @@ class LLM:
         """Sends and writes nothing; `start` or the first `advise` does."""
         self.settings, self.context, self.client = settings, context, client
         self.adviser = Adviser(settings, context)
-        self._calls: LiveCalls | None = None
         self._warned: set[str] = set()
+
+    @cached_property
+    def calls(self) -> LiveCalls:
+        """The calls of the run, with its transcript."""
+        folder = self.context.folder
+        transcript = Transcript(None if folder is None else folder / NAME)
+        return LiveCalls(self.client, transcript, self.settings, seed=self.context.seed)
 
     def start(self) -> str:
         """See `SupervisorLifecycle`. Opens the transcript and probes the server."""
-        calls, name = self._open(), self.settings.model_name
+        calls, name = self.calls, self.settings.model_name
         if calls.transcript.start is None:
             try:
                 server = probe(calls, self.settings)
@@ -234,32 +241,22 @@ class LLM:
             SupervisionError: no server answers and `on_outage` is "stop", or no request can
                 succeed, e.g. with an invalid key.
         """
-        calls = self._open()
-        if calls.transcript.start is None:
+        if self.calls.transcript.start is None:
             self.start()
-        generation = state.now.generation
-        guidance = self.adviser.advise(state, rng, calls)
-        self._warn(guidance, generation, calls.transcript)
+        guidance = self.adviser.advise(state, rng, self.calls)
+        self._warn(guidance, state.now.generation)
         return guidance
 
     def spent(self) -> dict[str, float]:
         """See `SupervisorLifecycle`."""
-        return {} if self._calls is None else self._calls.ledger.totals()
+        return {} if self.calls.transcript.start is None else self.calls.ledger.totals()
 
     def close(self) -> None:
         """See `SupervisorLifecycle`."""
-        self._open().close()  # also for a question that begins in another thread
+        self.calls.close()  # also for a question that begins in another thread
         self.client.close()
 
-    def _open(self) -> LiveCalls:
-        if self._calls is None:
-            folder = self.context.folder
-            transcript = Transcript(None if folder is None else folder / NAME)
-            seed = self.context.seed
-            self._calls = LiveCalls(self.client, transcript, self.settings, seed=seed)
-        return self._calls
-
-    def _warn(self, guidance: Guidance, generation: int, transcript: Transcript) -> None:
+    def _warn(self, guidance: Guidance, generation: int) -> None:
         """Logs two things, each once: that the model is no longer asked, and that prompts are cut.
 
         Records have the former each time. A server that counts far fewer tokens than a prompt must
@@ -273,8 +270,8 @@ class LLM:
                 f"Supervision continues with the fallback from generation {generation}:"
                 f" {reasons[0].split(': ', 2)[2]}"
             )
-        last = transcript.attempts[-1] if transcript.attempts else None
-        if last is not None and isinstance(last.answer, Reply) and last.usage is not None:
+        last = self.calls.transcript.attempts[-1]
+        if isinstance(last.answer, Reply) and last.usage is not None:
             expected = last.request.characters / self.settings.facts.characters
             if last.usage.read < FEW * expected:
                 lines["cut"] = (
