@@ -27,7 +27,6 @@ COMMANDS: Final = {
     "diff": ("compare two trees", "tree.bt other.bt"),
     "domain": ("show what a domain declares, or check its contract", "island --check"),
     "play": ("run a tree in worlds of its domain", "tree.bt --seeds 20"),
-    "trace": ("run a tree in one world and show the ticks of each node", "tree.bt"),
     "replay": ("write an episode as a page to watch in a browser", "tree.bt -o tree.html"),
     "export": ("turn a tree into JSON, BehaviorTree.CPP XML or py_trees", "tree.bt -o tree.xml"),
     "grammar": ("print a domain's language for constrained decoding", "--format gbnf -o tree.gbnf"),
@@ -50,7 +49,7 @@ MODULES: Final = {
     "comparisons": "best compare",
     "check": "check",
     "trees": "fmt show simplify diff export import grammar examples",
-    "episodes": "play explain prune trace replay",
+    "episodes": "play explain prune replay",
     "domain": "domain",
     "runs": "run estimate watch verify delete transcript",
     "stores": "sync ui",
@@ -64,31 +63,12 @@ def of_distributions() -> dict[str, str]:
     return {e.name: summary(e) for e in added(ADDED) if e.name not in COMMANDS}
 
 
-def _added_command(name: str) -> click.Command | None:
-    """The command of a distribution; one that says what is wrong if it cannot be loaded."""
-    try:
-        command = load_command(name)
-        if command is None or isinstance(command, click.Command):
-            return command
-        reason = f"{name}: expected a command of Click, found a {type(command).__name__}"
-    except IslandError as error:
-        reason = str(error)
-
-    def refuse() -> None:
-        raise IslandError(reason)
-
-    any_words = {"ignore_unknown_options": True, "allow_extra_args": True}
-    return click.Command(
-        name, context_settings=any_words, callback=refuse, help=reason, add_help_option=False
-    )
-
-
 MEANT: Final = {
     "run": "evolve train optimize optimise resume start sweep",
     "compare": "plot report stats analyze analyse",
     "best": "results result winner champion",
     "play": "evaluate eval simulate test",
-    "replay": "view visualize visualise video animate",
+    "replay": "view visualize visualise video animate trace",
     "show": "draw print cat",
     "check": "lint validate",
     "fmt": "format",
@@ -109,7 +89,11 @@ class Lazy(click.Group):
     def get_command(self, ctx: click.Context, name: str) -> click.Command | None:  # noqa: ARG002
         """Import a subcommand."""
         if name not in COMMANDS:
-            return _added_command(name)
+            added_command = load_command(name)
+            if added_command is None or isinstance(added_command, click.Command):
+                return added_command
+            kind = type(added_command).__name__
+            raise IslandError(f"{name}: expected a command of Click, found a {kind}")
         home = next(module for module, names in MODULES.items() if name in names.split())
         module = import_module(f"islandgp.commands.{home}")
         command: click.Command = getattr(module, f"{name}_command")

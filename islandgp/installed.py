@@ -110,7 +110,7 @@ def _uninstall(entry: EntryPoint) -> str:
     return f"`pip uninstall {owner(entry).split()[0]}` removes it"
 
 
-def domain_files(config_dir: str | None = None) -> dict[str, Path]:
+def domain_files(config_dir: str | Path | None = None) -> dict[str, Path]:
     """The configuration files of domains, by name.
 
     `config_dir` is the user's folder of configuration; of two files with the same name, the result
@@ -120,7 +120,7 @@ def domain_files(config_dir: str | None = None) -> dict[str, Path]:
     return {file.stem: file for folder in folders for file in folder.glob("domain/*.yaml")}
 
 
-def domain_class(domain: str, config_dir: str | None = None) -> Any:
+def domain_class(domain: str, config_dir: str | Path | None = None) -> Any:
     """The class of a domain, without composing a configuration. Raises KeyError for no domain."""
     import yaml
 

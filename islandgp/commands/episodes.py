@@ -1,4 +1,4 @@
-"""Commands that run trees: `play`, `explain`, `prune`, `trace` and `replay`."""
+"""Commands that run trees: `play`, `explain`, `prune` and `replay`."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ import json
 import re
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
-from math import inf, nan
+from math import nan
 from pathlib import Path
 from statistics import fmean, stdev
 from typing import TYPE_CHECKING, Any, Final
@@ -291,34 +291,6 @@ def _report(result: PruneResult) -> None:
     console.print(
         f"Nodes: {size(result.original)} before, {size(result.best)} after;"
         f" {result.episodes:,} episodes"
-    )
-
-
-@click.command()
-@click.argument("file", type=FILE)
-@with_seed_option
-@click.option(
-    "--from", "begin", type=NumberRange(min=0), default=0.0, help="Start of the timeline, in s."
-)
-@click.option(
-    "--to", "end", type=NumberRange(min=0), default=inf, help="End of the timeline, in s."
-)
-@with_episode_options
-def trace_command(file: str, seed: int, begin: float, end: float, episode: EpisodeOptions) -> None:
-    """Run the tree in FILE in one world and show the ticks of each node.
-
-    After each node: the share of ticks in which it was ticked, and how often it
-    succeeded, failed and was aborted. Then the actions in order, with the points
-    that they earned and the guards above them. `replay` shows the blackboard as well.
-    """
-    if not begin <= end:
-        raise click.UsageError(f"expected --from before --to, found {begin:g} and {end:g}")
-    from rich.console import Console
-
-    from islandgp.viewer.trace import trace
-
-    Console(soft_wrap=True, highlight=False).print(
-        *trace(recorded(file, seed, episode), begin, end), sep="\n"
     )
 
 

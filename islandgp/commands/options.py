@@ -25,7 +25,7 @@ class DomainOptions:
     """The options of a command that choose the domain."""
 
     overrides: tuple[str, ...]
-    config_dir: str | None
+    config_dir: Path | None
     declaration: str | None = None  # a file that declares the vocabulary instead
 
 
@@ -74,12 +74,13 @@ def grouped(name: str, kind: type, *options: Decorator) -> Decorator:
     return decorate
 
 
+config_dir_option = click.option(
+    "--config-dir",
+    type=click.Path(exists=True, file_okay=False, path_type=Path),
+    help="Folder with your configuration, which names domains and servers.",
+)
 DOMAIN: Final = (
-    click.option(
-        "--config-dir",
-        type=click.Path(exists=True, file_okay=False),
-        help="Folder with your configuration, in addition to the project's.",
-    ),
+    config_dir_option,
     click.option(
         "--set",
         "overrides",
@@ -136,8 +137,4 @@ def with_config_dir_option(command: Command) -> Command:
         with user_folder(config_dir):
             command(**arguments)
 
-    return click.option(
-        "--config-dir",
-        type=click.Path(exists=True, file_okay=False, path_type=Path),
-        help="Folder with your configuration, which names the domains and servers of the runs.",
-    )(runs)
+    return config_dir_option(runs)

@@ -35,7 +35,7 @@ _CHOOSES: Final = frozenset({"domain", "experiment", "domain.factory"})
 """Keys of the configuration that choose the domain."""
 
 
-def configured(overrides: Sequence[str], config_dir: str | None = None) -> Settings:
+def configured(overrides: Sequence[str], config_dir: str | Path | None = None) -> Settings:
     """The settings of a run with these overrides. Raises ConfigError."""
     from islandgp.config.compose import only_job
 
@@ -108,7 +108,7 @@ def _for_tree(source: TreeText, options: DomainOptions) -> tuple[str, ...]:
     return (*options.overrides, f"domain={domain}")
 
 
-def configured_domains(config_dir: str | None) -> list[str]:
+def configured_domains(config_dir: str | Path | None) -> list[str]:
     """The names of the configured domains."""
     return sorted(domain_files(config_dir))
 
@@ -147,7 +147,9 @@ def _keys_of(overrides: Sequence[str]) -> set[str]:
 
 
 @cache
-def _vocabulary(overrides: tuple[str, ...], config_dir: str | None, in_world: bool) -> Vocabulary:
+def _vocabulary(
+    overrides: tuple[str, ...], config_dir: str | Path | None, in_world: bool
+) -> Vocabulary:
     if _keys_of(overrides) <= {"domain"}:
         name = overrides[-1].partition("=")[2] if overrides else default_domain()
         # Composing the whole configuration reports errors of the class or its file better.
@@ -163,7 +165,7 @@ def _vocabulary(overrides: tuple[str, ...], config_dir: str | None, in_world: bo
 
 
 def _configured_vocabulary(
-    overrides: Sequence[str], config_dir: str | None, in_world: bool
+    overrides: Sequence[str], config_dir: str | Path | None, in_world: bool
 ) -> Vocabulary:
     """The vocabulary of a composed configuration's domain, as for `vocabulary_of`."""
     from islandgp.evaluation.perturbation import staged

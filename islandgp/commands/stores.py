@@ -29,7 +29,7 @@ def configured_stores() -> list[TrackingStore]:
     options = ConfigSource(ours, "config", folder).options("tracking")
     places = []
     for option in sorted(options, key=lambda name: (ours / f"tracking/{name}.yaml").is_file()):
-        part = configured([f"tracking={option}"], str(folder) if folder else None).tracking
+        part = configured([f"tracking={option}"], folder).tracking
         if isinstance(settings := part.settings(), MLflowSettings):
             places.append(TrackingStore.of(settings, Path.cwd()))
     return places

@@ -6,8 +6,9 @@ docs/running.md lists its files. A run is finished if there is a summary.json.
 from __future__ import annotations
 
 import hashlib
+import json
 import traceback
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
 from copy import deepcopy
 from dataclasses import asdict
@@ -239,14 +240,16 @@ class RunFolder:
     def restore(self) -> None:
         """Writes missing files of a finished run that can be made from others."""
         with usable(self.path):
-            self._write_derived(self.summary())
+            self._write_derived(self.summary(), self.records, again=False)
 
-    def _write_derived(self, summary: Mapping[str, Any], *, again: bool = False) -> None:
+    def _write_derived(
+        self, summary: Mapping[str, Any], records: Callable[[], Iterable[Any]], *, again: bool
+    ) -> None:
         """Writes the files that are made from others; `again`: also those that exist."""
         champion = summary["champion"]
         contents: dict[str, Callable[[], bytes]] = {
             "best.bt": lambda: self.best_text(champion["text"]).encode(),
-            "lineage.csv": lambda: files.lineage_table(self.records()),
+            "lineage.csv": lambda: files.lineage_table(records()),
         }
         if champion["tree"] != champion["record"]["tree"]:
             contents[LONG] = lambda: self.best_text(champion["record"]["tree"]).encode()
@@ -305,7 +308,8 @@ class RunFolder:
                 )
             if archive is not None:
                 write_atomic(self.path / ARCHIVE, archive.to_bytes())
-            self._write_derived(summary, again=True)
+            # As they are what this run wrote, they need no other check.
+            self._write_derived(summary, lambda: map(json.loads, present.splitlines()), again=True)
             end = pretty(summary)
             manifest.write_manifest(self.path, end)
             write_atomic(self.path / "summary.json", end)

@@ -272,10 +272,8 @@ def sweep_note(sweep: SweepFolder, file: SweepFile, table: str, status: Status) 
         indent(table, "    "),
         "",
         f"{len(file.jobs)} runs, {status.value.lower()}: {arms} arm{'s' * (arms != 1)},"
-        f" seeds {', '.join(map(str, seeds))}. Validation mean: points of a run's best robot in"
-        " validation worlds, mean ± standard deviation over runs. Tiers: median generation of the"
-        " first such robot over all runs, one without it counted as later than any, and how many"
-        " runs had one. Diversity: mean.",
+        f" seeds {', '.join(map(str, seeds))}. ± is the standard deviation over runs; tiers have"
+        " the median generation of the first such robot, never counted as later than any.",
         "",
         *(f"    {command}" for command in file.commands),
         "",

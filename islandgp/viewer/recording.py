@@ -78,7 +78,6 @@ class Recording:
     step_s: float  # simulated s of a tick
     ticks: int
     statuses: tuple[bytes, ...]  # per node in document order, a code per tick
-    counts: tuple[tuple[int, int, int, int, int], ...]  # per node and code: how often; [0] is 0
     boards: tuple[tuple[float, ...], ...]  # per tick, a value per key of the vocabulary
     credits: tuple[Credit, ...]  # in order of time
     scenes: SceneTrack | None  # None: the domain draws nothing
@@ -124,7 +123,6 @@ def record(tree: Node, problem: Problem, *, seed: int, stage: int, limit: float 
         step_s=domain.step_s,
         ticks=ticks,
         statuses=recorder.statuses(),
-        counts=tuple((c[0], c[1], c[2], c[3], c[4]) for c in recorder.counts),
         boards=tuple(recorder.boards),
         credits=tuple(c._replace(tick=min(c.tick, ticks - 1)) for c in recorder.credits),
         scenes=recorder.camera.track(ticks, schema) if recorder.camera.scenes else None,
@@ -136,21 +134,18 @@ class Recorder:
     """An observer that records an episode."""
 
     def __init__(self, tree: Node, schema: Schema) -> None:
-        self.counts = [[0] * 5 for _ in range(size(tree))]
         self.boards: list[tuple[float, ...]] = []
         self.credits: list[Credit] = []
         self.camera = SceneRecorder()
         self._components = schema.components
         self._keys = len(schema.vocabulary.keys)
-        self._idle = bytes(len(self.counts))
+        self._idle = bytes(size(tree))
         self._now = bytearray(self._idle)  # codes of this tick by node
         self._codes: list[bytes] = []  # of each tick
 
     def node(self, place: int, status: int) -> None:
         """See `Observer`."""
-        code = _CODES[status]
-        self.counts[place][code] += 1
-        self._now[place] = code
+        self._now[place] = _CODES[status]
 
     def credit(self, component: str, points: float, event: str, action: str) -> None:
         """See `Observer`."""

@@ -416,7 +416,7 @@ def test_what_a_domain_prints_is_reported_once(example: Path, islandgp: Cli) -> 
 
 @sweep(
     "arguments",
-    [("play",), ("play", "--seeds", "2"), ("trace",), ("replay",)],
+    [("play",), ("play", "--seeds", "2"), ("replay",)],
     quick=2,
 )
 def test_commands_are_bounded(example: Path, islandgp: Cli, arguments: tuple[str, ...]) -> None:

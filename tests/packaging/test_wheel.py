@@ -135,7 +135,6 @@ def test_everything_on_a_domain_from_outside(python: Path, tmp_path: Path) -> No
     tree = robot / "carry.bt"
     assert "no warnings" in islandgp("check", tree, *options)
     assert "finished" in islandgp("play", tree, *options, "--seeds", "3")
-    assert "progress" in islandgp("trace", tree, *options)
     islandgp("replay", tree, *options, "-o", "a replay.html")
     islandgp("replay", recorded / "best.bt", *options, "-o", "best.html")
     islandgp("export", tree, *options, "-o", "carry.xml")

@@ -50,10 +50,11 @@ def test_counts_are_those_of_recordings(usages: list[NodeUsage]) -> None:
     recordings = [record(TREE, problem, seed=seed, stage=2) for seed in (3, 4)]
     for place, node in enumerate(walk(TREE)):
         if node.guard is None:
-            counts = [recording.counts[place] for recording in recordings]
-            assert usages[place].successes == fmean(c[SUCCEEDED] for c in counts)
-            assert usages[place].failures == fmean(c[FAILED] for c in counts)
-            assert usages[place].aborts == fmean(c[STOPPED] for c in counts)
+            codes = [recording.statuses[place] for recording in recordings]
+            assert usages[place].successes == fmean(c.count(SUCCEEDED) for c in codes)
+            assert usages[place].failures == fmean(c.count(FAILED) for c in codes)
+            # A node that is aborted and started again in one tick shows what came last.
+            assert usages[place].aborts >= fmean(c.count(STOPPED) for c in codes)
 
 
 def test_points_are_those_of_the_actions_below(usages: list[NodeUsage]) -> None:

@@ -392,7 +392,7 @@ def test_the_vocabulary_of_the_domain_that_the_file_names(islandgp: Cli, tmp_pat
 
 @pytest.mark.parametrize(
     "arguments",
-    [("simplify",), ("export", "--to", "pytrees"), ("play",), ("trace",), ("replay",)],
+    [("simplify",), ("export", "--to", "pytrees"), ("play",), ("replay",)],
     ids=lambda arguments: arguments[0],
 )
 def test_a_domain_that_is_not_there(

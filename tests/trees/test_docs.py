@@ -146,7 +146,7 @@ def test_tutorial_runs(islandgp: Cli, tmp_path: Path, monkeypatch: pytest.Monkey
         if "--seeds" in arguments:  # fewer and shorter, as what is earned is another test's
             at = arguments.index("--seeds") + 1
             arguments[at] = "2"
-        if arguments[0] in ("play", "trace", "replay", "prune", "explain"):
+        if arguments[0] in ("play", "replay", "prune", "explain"):
             arguments += ["--set", "world.episode.length=20"]
         few = {
             "prune": ("--episodes", "110"),

@@ -1,29 +1,19 @@
-"""`islandgp play`, `trace`, `replay` and `simplify`, as a user runs them, mostly on the island."""
+"""`islandgp play`, `replay` and `simplify`, as a user runs them, mostly on the island."""
 
 from __future__ import annotations
 
 import itertools
 import json
-from math import inf, sqrt
+from math import sqrt
 from pathlib import Path
 from statistics import fmean, stdev
 
 import pytest
 
 from islandgp.bt.core.language import parse, to_text
-from islandgp.bt.core.node import size
 from islandgp.commands.tables import GAP, Column, numbers, parts
 from islandgp.resources import resource
-from islandgp.viewer.recording import IDLE, record
-from islandgp.viewer.trace import (
-    ELLIPSIS,
-    action_spans,
-    drawn,
-    merged,
-    timeline,
-)
 from tests.trees.shell import Cli
-from tests.viewer.episodes import island, small
 
 EXAMPLES = resource("grammar") / "examples"
 GOOD = EXAMPLES / "all_rounder.bt"
@@ -93,7 +83,7 @@ def test_play_at_another_stage(islandgp: Cli) -> None:
         (("--stage", "9"), "--stage: expected 1 to 4, found 9"),
     ],
 )
-@pytest.mark.parametrize("name", ["play", "trace", "replay"])
+@pytest.mark.parametrize("name", ["play", "replay"])
 def test_wrong_settings(islandgp: Cli, name: str, arguments: tuple[str, ...], message: str) -> None:
     """A wrong setting is one clear line and exit code 2."""
     result = islandgp(name, GOOD, *arguments)
@@ -169,66 +159,6 @@ def test_play_of_several_fits_a_narrow_terminal(
     assert "0 of 2" in result.out
 
 
-def test_trace(islandgp: Cli) -> None:
-    """The tree with what each node did, what was never reached, and the decisions in order."""
-    result = islandgp("trace", EXAMPLES / "poor.bt", *SHORT)
-    assert result.code == 0
-    tree = parse((EXAMPLES / "poor.bt").read_text())
-    # The battery stays above 15 % all the time.
-    never = [line for line in result.out.splitlines() if "never reached" in line]
-    assert [line.split()[-3] for line in never] == ["sequence", "SeekCharger", "ExecuteCharge"]
-    assert len(result.out.splitlines()) > size(tree) + 5
-    assert "DeliverToClearingPoint" in result.out
-    assert "batteryLevel" in result.out
-
-
-def test_trace_has_every_call() -> None:
-    """The spans of the actions cover each tick in which an action was called, once."""
-    recording = record(parse(GOOD.read_text()), island(), seed=1, stage=3)
-    for place, codes in enumerate(recording.statuses):
-        spans = [s for s in action_spans(recording) if s.place == place]
-        ticks = sum(s.end - s.start + 1 for s in spans)
-        if spans:
-            assert ticks == sum(code != IDLE for code in codes)
-    won = sum(s.points for s in action_spans(recording))
-    assert sum(s.points for s in merged(action_spans(recording))) == pytest.approx(won)
-    credited = sum(
-        c.points
-        for c in recording.credits
-        if c.event not in ("leftover", "collision", "idle", "shutdown")
-    )
-    assert won == pytest.approx(credited)
-    assert len(drawn(recording).plain.splitlines()) == size(recording.tree)
-
-
-def test_trace_between(islandgp: Cli) -> None:
-    """--from and --to cut the timeline."""
-    result = islandgp("trace", GOOD, "--from", 15, "--to", 20, "--seed", 1, *SHORT)
-    starts = [
-        float(line.split()[0]) for line in result.out.splitlines() if line.lstrip()[:1].isdigit()
-    ]
-    assert starts
-    assert all(15 <= start <= 20 for start in starts)
-
-
-@pytest.mark.parametrize(
-    ("times", "message"),
-    [
-        (("--from", 300, "--to", 200), "expected --from before --to, found 300 and 200"),
-        (("--from", "nan"), "nan is not in the range x>=0"),
-        (("--from", -5, "--to", -1), "-5.0 is not in the range x>=0"),
-        (("--to", -1), "-1.0 is not in the range x>=0"),
-    ],
-)
-def test_trace_between_times_that_make_no_sense(
-    islandgp: Cli, times: tuple[object, ...], message: str
-) -> None:
-    """A usage error, not an empty timeline."""
-    result = islandgp("trace", GOOD, *times, *SHORT)
-    assert (result.code, result.out) == (2, "")
-    assert message in result.err
-
-
 def test_replay(islandgp: Cli, tmp_path: Path) -> None:
     """The page of one world, under the name of the file; the same again, to the byte."""
     a, b = tmp_path / "a.html", tmp_path / "b.html"
@@ -242,7 +172,7 @@ def test_empty_island(islandgp: Cli, tmp_path: Path) -> None:
     """A world without garbage and humanoids, and an episode of one tick, are worlds like others."""
     empty = ("world.garbage.initial=0", "world.garbage.most=0", "world.humanoids.count=0")
     options = [word for key in (*empty, "world.episode.length=0.1") for word in ("--set", key)]
-    for command in (("play", "--seeds", 1), ("trace",), ("replay", "-o", tmp_path / "t.html")):
+    for command in (("play", "--seeds", 1), ("replay", "-o", tmp_path / "t.html")):
         assert islandgp(*command, *options, "-", stdin="PatrolWaypoint").code == 0
 
 
@@ -306,34 +236,3 @@ def test_one_world_has_no_interval(islandgp: Cli) -> None:
     assert "Tiers, of 1 world:" in single_output
     (row,) = (line.split() for line in single_output.splitlines() if line.startswith("fitness"))
     assert row[2] == "-"
-
-
-def test_a_timeline_is_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its last line marks that there is more; a later part begins at the given tick."""
-    recording = record(parse(GOOD.read_text()), island(length=60), seed=1, stage=3)
-    lines = [line.plain for line in timeline(recording)]
-    assert len(lines) > 8
-    monkeypatch.setattr("islandgp.viewer.trace.MAX_LINES", 5)
-    cut = [line.plain for line in timeline(recording)]
-    assert cut[:-1] == lines[:6]
-    assert cut[-1].startswith("More than 5 lines")
-    every = list(action_spans(recording))
-    for begin in (0, 1, every[3].start, every[3].start + 1, recording.ticks):
-        assert list(action_spans(recording, begin)) == [s for s in every if s.start >= begin]
-
-
-@pytest.mark.parametrize("begin", [1e300, inf])
-def test_a_timeline_after_the_end_has_its_heading_only(begin: float) -> None:
-    """As `trace --from inf` asks for."""
-    recording = record(parse(GOOD.read_text()), island(length=20), seed=1, stage=3)
-    assert [line.plain.split()[0] for line in timeline(recording, begin)] == ["start"]
-
-
-def test_a_line_has_few_guards() -> None:
-    """Of many guards of an action the innermost ones are shown; a mark replaces the others."""
-    for levels in (8, 9, 30):
-        guards = [f"way < {100 + level}" for level in range(levels)]
-        tree = "".join(f"when {guard} {{ " for guard in guards) + "Go" + " }" * levels
-        line = list(timeline(small(tree)))[1].plain
-        before = f"{ELLIPSIS} & " if levels > 8 else ""
-        assert line.endswith("  " + before + " & ".join(guards[-8:]))

@@ -74,7 +74,6 @@ class LastMinute:
             step_s=self._step_s,
             ticks=len(ticks),
             statuses=tuple(map(bytes, zip(*codes, strict=True))),
-            counts=(),
             boards=boards,
             credits=(),
             scenes=None,
