@@ -85,7 +85,7 @@ def command(
     with ros_node(robot_map.node) as (node, spin):
         tree_node = TreeNode(node, tree, robot_map, vocabulary, leaves=leaves_file, step_s=1 / rate)
         try:
-            with viewed(tree_node.minute, view) if view else nullcontext():
+            with viewed(tree_node.record(), view) if view else nullcontext():
                 status = run(spin, tree_node, rate, lambda: bool(signals), once=once)
         except IslandError as error:
             if not tree_node.may_run:

@@ -83,7 +83,7 @@ class TreeNode:
         self.robot_tree = self._load()
         self._publisher = node.create_publisher(String, "~/status", 10)
         self._missing: tuple[str, ...] = ()
-        self.minute = LastMinute(self.robot_tree, step_s or 1.0)
+        self._minute: LastMinute | None = None
         self.may_run: list[Goal | Call] = []
         """Goals and calls whose end was not confirmed when the node stopped."""
 
@@ -109,6 +109,11 @@ class TreeNode:
         self._actions.send()
         self._publish(tree, status)
         return status
+
+    def record(self) -> LastMinute:
+        """Records the states of the last minute from now on."""
+        self._minute = LastMinute(self.robot_tree, self._step_s or 1.0)
+        return self._minute
 
     def send(self) -> None:
         """Sends the goals of the last tick that waited for a cancellation."""
@@ -177,7 +182,8 @@ class TreeNode:
         self._log.info(f"{self._file} loaded again")
 
     def _publish(self, tree: Tree, status: NodeStatus | None) -> None:
-        self.minute.add(self.robot_tree, is_ticked=status is not None)
+        if self._minute:
+            self._minute.add(self.robot_tree, is_ticked=status is not None)
         nodes = [
             {"node": head(node), "status": None if end is None else end.name}
             for node, end in zip(walk(tree.node), self.robot_tree.statuses, strict=True)

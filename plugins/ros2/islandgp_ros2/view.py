@@ -20,7 +20,7 @@ from islandgp.viewer.page import page
 from islandgp.viewer.recording import FAILED, IDLE, RUNS, STOPPED, SUCCEEDED, Recording
 
 MINUTE_S: Final = 60.0
-MAX_TICKS: Final = 6000  # of the page; at more than 100 Hz they are less than a minute
+MAX_TICKS: Final = 1500  # of the page; above 25 Hz they are less than a minute
 _CODES: Final = {
     None: IDLE,
     NodeStatus.FAILURE: FAILED,
@@ -121,7 +121,7 @@ def viewed(minute: LastMinute, port: int) -> Iterator[None]:
         raise ConfigError(
             f"Expected a free port as --view, found {port} ({error.strerror}); name another one"
         ) from None
-    Thread(target=server.serve_forever, daemon=True).start()
+    Thread(target=server.serve_forever, args=(0.1,), daemon=True).start()
     try:
         yield
     finally:

@@ -190,6 +190,23 @@ def test_a_new_goal_is_followed(robot: Robot) -> None:
     assert "follow_path cancelled" not in robot.happened()
 
 
+def test_a_moving_goal(robot: Robot) -> None:
+    """`follow_point` follows it until the node is stopped."""
+    robot.servers()
+    robot.goal(7)
+    node = robot.navigate("follow_point")
+    robot.wait("follow_path 7")
+    robot.goal(9)
+    robot.wait("follow_path 9")
+    node.send_signal(signal.SIGINT)
+    start = time.monotonic()
+    row(
+        "`follow_point`: Ctrl-C until the exit",
+        robot.exit(node, 130) - start,
+    )
+    assert robot.happened()[-1] == "follow_path cancelled"
+
+
 def test_the_planner_recovers(robot: Robot) -> None:
     """After no valid path, the global costmap is cleared, and it plans again."""
     robot.servers(compute_path_to_pose=[208])
