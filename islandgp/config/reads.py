@@ -116,7 +116,14 @@ def _unread(settings: Settings, dead: Sequence[str], source: ConfigSource) -> st
 
 
 def _choices(settings: Settings, dead: Sequence[str], source: ConfigSource) -> Iterator[str]:
-    """The options of `search`, then of `supervisor`, with which a run reads these keys."""
+    """The switch, or the options of `search`, then of `supervisor`, with which these keys act."""
+    for part, switch in SWITCHES.items():
+        value = 1 if part == "edits" else True
+        on = {switch.removeprefix("supervisor."): value}
+        supervisor = settings.supervisor.model_copy(update=on)
+        keys = keys_read(settings.model_copy(update={"supervisor": supervisor}))
+        if all(acts(key, keys) for key in dead):
+            yield f"{switch}={str(value).lower()}"
     for group in ("search", "supervisor"):
         for option in source.options(group):
             try:

@@ -151,6 +151,7 @@ def test_a_key_that_is_not_read_changes_no_individual(search: str, supervisor: s
             ["supervisor=baseline,editor", "allocation.injected=1,2", "-m"],
             "search=racing with supervisor=baseline does not read allocation.injected; supervisor=",
         ),
+        (["supervisor.inject=false", "allocation.injected=2"], "; supervisor.inject=true does"),
         (["budget.episodes=900", "gp.generations=3"], "budget.episodes=900 sets gp.generations"),
         (["supervisor=baseline", "search.policy.library=0", "library=single"], "not read library"),
     ],
