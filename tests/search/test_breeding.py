@@ -71,3 +71,13 @@ def test_slots(name: str) -> None:
     assert [i.parents for i in mine] == [(), (), ()]
     assert mine[0].tree == MOTHER
     assert [bool(i.mutation) for i in mine] == [False, True, True]
+
+
+def test_new_trees_are_new() -> None:
+    """In a small space of trees, too: no child has a tree that was evaluated before."""
+    small = ("gp.max_nodes=5", "gp.max_depth=3", "gp.trees.children=[2,2]", "gp.trees.depth=[2,2]")
+    populations, _ = generations(*search_and_plan("racing", *small), 6)
+    individuals = [e.individual for population in populations for e in population]
+    new = [i.tree for i in individuals if i.origin not in (Origin.ELITE, Origin.INJECTED)]
+    assert len(new) > 50
+    assert len(set(new)) == len(new)
