@@ -319,13 +319,21 @@ class BreedingSettings(BaseModel, frozen=True, extra="forbid"):
 S = TypeVar("S", bound=HasBreeding)
 
 
+@dataclass(frozen=True, slots=True)
+class LastGeneration:
+    """The memory of a search that learns from the last generation alone."""
+
+    population: tuple[Evaluated, ...]  # in slot order
+
+
 class BreedingSearch(ABC, Generic[S]):
     """A search whose generations consist of re-evaluated trees, a supervisor's trees, and children.
 
-    A subclass has `Settings`, mostly a subclass of BreedingSettings, the type `Memory`, and the two
-    methods `plan_next` and `update`.
+    A subclass has `Settings`, mostly a subclass of BreedingSettings, and the method `plan_next`.
+    One that remembers more than the last generation has the type `Memory` and `update`, too.
     """
 
+    Memory: ClassVar[Any] = LastGeneration
     uses: ClassVar[frozenset[str]] = frozenset({"tree", "edits"})
 
     @classmethod
@@ -361,6 +369,6 @@ class BreedingSearch(ABC, Generic[S]):
     def plan_next(self, state: SearchState) -> GenerationPlan:
         """The trees of a later generation, from the memory in `state`."""
 
-    @abstractmethod
-    def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Any:
+    def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Any:  # noqa: ARG002 -- a subclass may need it
         """The memory after a generation; `state.memory` is None after the first generation."""
+        return LastGeneration(tuple(evaluated))

@@ -8,17 +8,12 @@ programming.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from typing import Any, ClassVar
-
-from islandgp.gp.population import Evaluated
 from islandgp.search.base import SearchState
 from islandgp.search.breeding import (
     BreedingSearch,
     BreedingSettings,
     GenerationPlan,
     NewSlots,
-    Parent,
     parent_of,
 )
 
@@ -28,13 +23,8 @@ class Hill(BreedingSearch[BreedingSettings]):
 
     Settings = BreedingSettings
     Allocation = NewSlots
-    Memory: ClassVar[Any] = Parent  # of the next generation
 
     def plan_next(self, state: SearchState) -> GenerationPlan:
-        """See `BreedingSearch`."""
-        parent: Parent = state.memory
+        """See `BreedingSearch`. The fittest is the parent; of equals the first, with slot 0."""
+        parent = parent_of(max(state.memory.population, key=lambda e: e.merit))
         return GenerationPlan(pick=lambda _: (parent, ()), reevaluated=[parent])
-
-    def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Parent:  # noqa: ARG002 -- the fittest alone counts
-        """The fittest individual; of equal ones the first, as the parent has slot 0."""
-        return parent_of(max(evaluated, key=lambda e: e.merit))

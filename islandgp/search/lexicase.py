@@ -9,14 +9,12 @@ each case keeps the individuals near its best. So specialists have children, too
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, Literal, Self
 
 import numpy as np
 
 from islandgp.errors import ConfigError
-from islandgp.gp.population import Evaluated
-from islandgp.scoring.constraints import merit
+from islandgp.gp.population import Evaluated, ranked
 from islandgp.search.base import SearchContext, SearchState
 from islandgp.search.breeding import (
     BreedingSearch,
@@ -35,29 +33,11 @@ class LexicaseSettings(BreedingSettings, frozen=True):
     cases: Literal["components", "episodes"]  # terms of the fitness, or fitness in each episode
 
 
-@dataclass(frozen=True, slots=True)
-class Contender:
-    """An individual of the last generation."""
-
-    parent: Parent
-    fitness: float  # points
-    cases: tuple[float, ...]  # points in each case
-    violation: float = 0.0  # of the constraints, >= 0
-
-
-@dataclass(frozen=True, slots=True)
-class Contenders:
-    """The last generation, in slot order."""
-
-    all: tuple[Contender, ...]
-
-
 class Lexicase(BreedingSearch[LexicaseSettings]):
     """Epsilon-lexicase selection; see the module."""
 
     Settings = LexicaseSettings
     Allocation = Slots
-    Memory: ClassVar[Any] = Contenders
 
     @classmethod
     def make(cls, settings: LexicaseSettings, context: SearchContext) -> Self:
@@ -71,34 +51,25 @@ class Lexicase(BreedingSearch[LexicaseSettings]):
 
     def plan_next(self, state: SearchState) -> GenerationPlan:
         """See `BreedingSearch`."""
-        everyone: tuple[Contender, ...] = state.memory.all
-        best = sorted(everyone, key=lambda c: merit(c.fitness, c.violation), reverse=True)
-        draw = lexicase_draw(everyone)
+        last: Sequence[Evaluated] = state.memory.population
+        draw = lexicase_draw(last, [self.cases(e) for e in last])
         pick: Pick = lambda rng: (draw(rng), [draw(rng)])  # noqa: E731 -- typed by its name
         again = round(self.plan.allocation.reevaluated * self.plan.gp.population)
-        return GenerationPlan(pick, reevaluated=[c.parent for c in best[:again]])
+        return GenerationPlan(pick, reevaluated=[parent_of(e) for e in ranked(tuple(last))[:again]])
 
-    def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Contenders:  # noqa: ARG002 -- the last generation alone counts
-        """See `BreedingSearch`."""
+    def cases(self, e: Evaluated) -> tuple[float, ...]:
+        """The points of an individual in each case."""
         by_episode = self.settings.cases == "episodes"
-        return Contenders(
-            tuple(
-                contender(e, e.episodes if by_episode else tuple(e.outcome.components.values()))
-                for e in evaluated
-            )
-        )
+        return e.episodes if by_episode else tuple(e.outcome.components.values())
 
 
-def lexicase_draw(contenders: Sequence[Contender]) -> Callable[[np.random.Generator], Parent]:
-    """A function that selects one of the contenders, by cases in a random order."""
-    points = np.array([c.cases for c in contenders])
-    entrants = eligible(np.array([c.violation for c in contenders]))
-    return lambda rng: contenders[selected(rng, points, entrants)].parent
-
-
-def contender(e: Evaluated, cases: tuple[float, ...]) -> Contender:
-    """An evaluated individual with its points in each case."""
-    return Contender(parent_of(e), e.fitness, cases, e.violation)
+def lexicase_draw(
+    population: Sequence[Evaluated], cases: Sequence[Sequence[float]]
+) -> Callable[[np.random.Generator], Parent]:
+    """A function that selects an individual, by its points in cases in a random order."""
+    points = np.array(cases)
+    entrants = eligible(np.array([e.violation for e in population]))
+    return lambda rng: parent_of(population[selected(rng, points, entrants)])
 
 
 def eligible(violations: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:

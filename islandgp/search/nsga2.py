@@ -9,9 +9,8 @@ children, so all compared individuals have met the same worlds.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
 from math import inf
-from typing import Any, ClassVar
+from typing import Any
 
 import numpy as np
 from pydantic import Field
@@ -26,7 +25,6 @@ from islandgp.search.breeding import (
     BreedingSearch,
     BreedingSettings,
     GenerationPlan,
-    Parent,
     Slots,
     parent_of,
     pick_by_rank,
@@ -109,13 +107,6 @@ class ObjectiveSettings(BreedingSettings, frozen=True):
         yield from repeated("search.policy.objectives", names)
 
 
-@dataclass(frozen=True, slots=True)
-class Survivors:
-    """Parents of the next generation, in the crowded-comparison order."""
-
-    parents: tuple[Parent, ...]
-
-
 class SurvivorSlots(Slots, frozen=True, extra="forbid"):
     """The slots of a generation; the trees that are evaluated again are the parents."""
 
@@ -127,7 +118,6 @@ class NSGA2(BreedingSearch[ObjectiveSettings]):
 
     Settings = ObjectiveSettings
     Allocation = SurvivorSlots
-    Memory: ClassVar[Any] = Survivors
 
     def __init__(self, settings: ObjectiveSettings, plan: Plan) -> None:
         super().__init__(settings, plan)
@@ -135,18 +125,13 @@ class NSGA2(BreedingSearch[ObjectiveSettings]):
         self.objectives = settings.objectives or ("fitness", *counters)
 
     def plan_next(self, state: SearchState) -> GenerationPlan:
-        """See `BreedingSearch`."""
-        parents: tuple[Parent, ...] = state.memory.parents
+        """See `BreedingSearch`. The parents are in the crowded-comparison order."""
+        last: Sequence[Evaluated] = state.memory.population
+        points = np.array([[_value(e, name) for name in self.objectives] for e in last])
+        survivors = max(2, round(self.plan.allocation.reevaluated * len(last)))
+        order = crowded_order(points, [e.violation for e in last])[:survivors]
+        parents = [parent_of(last[k]) for k in order]
         return GenerationPlan(pick_by_rank(parents), reevaluated=parents)
-
-    def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Survivors:  # noqa: ARG002 -- the last generation alone counts
-        """See `BreedingSearch`."""
-        points = np.array([[_value(e, name) for name in self.objectives] for e in evaluated])
-        violations = [e.violation for e in evaluated]
-        survivors = max(2, round(self.plan.allocation.reevaluated * len(evaluated)))
-        return Survivors(
-            tuple(parent_of(evaluated[k]) for k in crowded_order(points, violations)[:survivors])
-        )
 
 
 def _value(e: Evaluated, objective: str) -> float:

@@ -47,7 +47,7 @@ from islandgp.search.breeding import (
     evidence_by_digest,
 )
 from islandgp.search.compose import priority_lists
-from islandgp.search.lexicase import Contender, contender, lexicase_draw
+from islandgp.search.lexicase import lexicase_draw
 from islandgp.seeding import Stream, Streams
 
 
@@ -101,7 +101,7 @@ class RacingMemory:
     tried: tuple[str, ...]  # digests of trees
     began: int = 0  # generation in which this population began
     champions: tuple[Evidence, ...] = ()  # the best trees of earlier restarts
-    contenders: tuple[Contender, ...] = ()  # the last generation; () without specialists
+    last: tuple[Evaluated, ...] = ()  # the last generation; () without specialists
 
 
 class Racing(BreedingSearch[RacingSettings]):
@@ -162,7 +162,8 @@ class Racing(BreedingSearch[RacingSettings]):
         """
         parents = [Parent(entry.id, entry.tree) for entry in memory.entries]
         fathers = [*parents, *self.library_parents]
-        specialist = lexicase_draw(memory.contenders) if memory.contenders else None
+        last = memory.last
+        specialist = lexicase_draw(last, [e.episodes for e in last]) if last else None
 
         def pick(rng: np.random.Generator) -> tuple[Parent, Sequence[Parent]]:
             if specialist is not None and rng.random() < self.settings.specialists:
@@ -183,7 +184,7 @@ class Racing(BreedingSearch[RacingSettings]):
             memory,
             entries=tuple(ranked[:survivor_count]),
             tried=tuple(dict.fromkeys((*memory.tried, *keys)))[-MAX_DIGESTS:],
-            contenders=tuple(contender(e, e.episodes) for e in evaluated) if lexicase else (),
+            last=tuple(evaluated) if lexicase else (),
         )
         return self._after_restart(after, state.generation + 1)
 

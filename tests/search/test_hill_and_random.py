@@ -18,14 +18,16 @@ def test_a_better_child_takes_the_parent_s_place() -> None:
     state = search.tell(
         search.start(), [evaluated("0.0", 1), evaluated("0.1", 7, tree="SeekCharger")], NO_ADVICE
     )
-    assert state.memory.id == "0.1"
+    assert search.plan_next(state).reevaluated[0].id == "0.1"
     new = tuple(search.ask(state, Streams(3)))
     assert (new[0].id, new[0].tree, new[0].parents) == ("1.0", parse("SeekCharger"), ("0.1",))
     assert {i.parents for i in new} == {("0.1",)}
     equals = [evaluated("1.0", 3), evaluated("1.1", 3, tree="PatrolWaypoint"), evaluated("1.2", 2)]
-    assert search.tell(state, equals, NO_ADVICE).memory.id == "1.0"
+    after = search.tell(state, equals, NO_ADVICE)
+    assert search.plan_next(after).reevaluated[0].id == "1.0"
     better = [evaluated("1.0", 3), evaluated("1.1", 3.5, tree="MoveToGarbage"), evaluated("1.2", 3)]
-    assert search.tell(state, better, NO_ADVICE).memory.id == "1.1"
+    after = search.tell(state, better, NO_ADVICE)
+    assert search.plan_next(after).reevaluated[0].id == "1.1"
 
 
 def test_the_climber_never_falls_in_the_same_worlds() -> None:

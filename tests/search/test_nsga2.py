@@ -106,7 +106,7 @@ def test_objectives() -> None:
         evaluated("0.4", 99.0, tree="sequence { SeekCharger }", pickups=0, distance=99),
     ]
     state = search.tell(search.start(), population, NO_ADVICE)
-    assert {parent.id for parent in state.memory.parents} == {"0.1", "0.3"}
+    assert {parent.id for parent in search.plan_next(state).reevaluated} == {"0.1", "0.3"}
 
 
 def test_by_default_the_fitness_and_the_behaviours() -> None:
@@ -119,8 +119,8 @@ def test_by_default_the_fitness_and_the_behaviours() -> None:
         *(evaluated(f"0.{k}", float(-k)) for k in range(2, 8)),
     ]
     state = search.tell(search.start(), population, NO_ADVICE)
-    assert {"0.0", "0.1"} <= {parent.id for parent in state.memory.parents}
-    assert len(state.memory.parents) == 4
+    assert {"0.0", "0.1"} <= {parent.id for parent in search.plan_next(state).reevaluated}
+    assert len(search.plan_next(state).reevaluated) == 4
 
 
 def test_survivors_meet_the_worlds_of_their_children() -> None:
@@ -130,6 +130,6 @@ def test_survivors_meet_the_worlds_of_their_children() -> None:
     state = search.tell(search.start(), population, NO_ADVICE)
     new = tuple(search.ask(state, Streams(1)))
     assert [i.origin for i in new[:6]] == ["elite"] * 6
-    survivors = {parent.id for parent in state.memory.parents}
+    survivors = {parent.id for parent in search.plan_next(state).reevaluated}
     assert {parent for i in new for parent in i.parents} <= survivors
     assert all(i.origin in ("copy", "crossover") for i in new[6:])
