@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Annotated
@@ -95,26 +95,6 @@ class Evaluated:
     def merit(self) -> Merit:
         """Sort key: fewer constraint violations first, then fitness."""
         return merit(self.fitness, self.violation)
-
-
-@dataclass(frozen=True, slots=True)
-class BehaviourBest:
-    """The best individual of a behaviour so far (section 2.3)."""
-
-    id: str  # of the individual
-    tree: Tree
-    stage: int  # of the curriculum, in which it was evaluated
-    fitness: float  # points
-    violation: float = 0.0  # of the constraints, >= 0
-
-    @property
-    def merit(self) -> Merit:
-        """Sort key: fewer constraint violations first, then fitness."""
-        return merit(self.fitness, self.violation)
-
-
-BehaviourArchive = Mapping[str, BehaviourBest]
-"""The best individual of each behaviour in the last stage that had it."""
 
 
 def ranked(population: tuple[Evaluated, ...]) -> list[Evaluated]:

@@ -17,7 +17,7 @@ from islandgp.gp.archive import ArchiveRecord, Elite
 from islandgp.gp.edits import EditRecord, EditTrial
 from islandgp.gp.population import Advice, Evaluated
 from islandgp.plain import field_values, to_json
-from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, Merit, merit, violation
+from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, merit, violation
 from islandgp.scoring.generation_stats import GenerationStats
 
 
@@ -124,13 +124,18 @@ def updated_champion(
 ) -> Champion:
     """The champion after `generation`; the earlier of equal individuals."""
 
-    def worth(line: IndividualRecord) -> Merit:
-        return merit(line.fitness, violation(line.counters, constraints))
-
-    best = max(lines, key=worth)
-    if before is not None and worth(before.record) >= worth(best):
+    best = fittest(lines, constraints)
+    if before is not None and fittest([before.record, best], constraints) is before.record:
         return before
     return Champion(generation, best)
+
+
+def fittest(lines: Sequence[IndividualRecord], constraints: Constraints) -> IndividualRecord:
+    """The fittest individual that keeps the constraints, or else that with the least violation.
+
+    The first of several equal ones.
+    """
+    return max(lines, key=lambda i: merit(i.fitness, violation(i.counters, constraints)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -104,21 +104,19 @@ def usage(run: Run, tree: Node, worlds: Sequence[int]) -> list[NodeUsage]:
         inside = place
         while nodes[inside].guard is not None:
             inside += 1  # the child of a guard follows it
-        usages.append(_usage(counters, inside, place + size(node)))
+        counts = [counter.counts[inside] for counter in counters]
+        end = place + size(node)  # its descendants come before
+        usages.append(
+            NodeUsage(
+                worlds=fmean(any(own) for own in counts),
+                ticks=fmean(sum(own[:ABORTED]) for own in counts),
+                successes=fmean(own[SUCCESS] for own in counts),
+                failures=fmean(own[FAILURE] for own in counts),
+                aborts=fmean(own[ABORTED] for own in counts),
+                points=fmean(sum(counter.points[inside:end]) for counter in counters),
+            )
+        )
     return usages
-
-
-def _usage(counters: Sequence[_Counter], place: int, end: int) -> NodeUsage:
-    """The means over episodes of the node at a place; its descendants come before `end`."""
-    counts = [counter.counts[place] for counter in counters]
-    return NodeUsage(
-        worlds=fmean(any(own) for own in counts),
-        ticks=fmean(sum(own[:ABORTED]) for own in counts),
-        successes=fmean(own[SUCCESS] for own in counts),
-        failures=fmean(own[FAILURE] for own in counts),
-        aborts=fmean(own[ABORTED] for own in counts),
-        points=fmean(sum(counter.points[place:end]) for counter in counters),
-    )
 
 
 def with_losses(

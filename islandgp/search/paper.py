@@ -18,8 +18,6 @@ from islandgp.bt.core.node import Node
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import (
     Advice,
-    BehaviourArchive,
-    BehaviourBest,
     Evaluated,
     Individual,
     Origin,
@@ -34,6 +32,9 @@ from islandgp.scoring.generation_stats import diversity
 from islandgp.search.base import SearchContext, SearchState
 from islandgp.seeding import Stream, Streams
 
+BehaviourArchive = dict[str, tuple[int, Evaluated]]
+"""The best individual of each behaviour, after the last stage of the curriculum that had it."""
+
 UNMUTATED: Final = (Origin.ELITE, Origin.BEHAVIOURAL_ELITE, Origin.INJECTED)
 """Origins of individuals that are not mutated if `gp.mutate_elites` is false."""
 
@@ -43,7 +44,7 @@ class Parents:
     """The last generation and the best individual of each behaviour."""
 
     population: tuple[Evaluated, ...]
-    archive: dict[str, BehaviourBest] = field(default_factory=dict)
+    archive: BehaviourArchive = field(default_factory=dict)
     """The best individual of each behaviour, which is resurrected if the behaviour dies out."""
 
 
@@ -148,7 +149,7 @@ def update_behaviour_archive(
     population: Sequence[Evaluated],
     behaviours: Sequence[str],
     stage: int,
-) -> dict[str, BehaviourBest]:
+) -> BehaviourArchive:
     """The archive updated with the best individual of each behaviour in this generation.
 
     Stages of the curriculum have different scales, so an individual of a later stage replaces one
@@ -158,9 +159,8 @@ def update_behaviour_archive(
     for e in population:
         for behaviour in e.labels.behaviours:
             best = updated.get(behaviour)
-            if best is None or (stage, e.merit) > (best.stage, best.merit):
-                i = e.individual
-                updated[behaviour] = BehaviourBest(i.id, i.tree, stage, e.fitness, e.violation)
+            if best is None or (stage, e.merit) > (best[0], best[1].merit):
+                updated[behaviour] = stage, e
     return {name: updated[name] for name in behaviours if name in updated}
 
 
@@ -208,7 +208,8 @@ def elites(
             slots.append((Origin.BEHAVIOURAL_ELITE, i.id, i.tree))
     alive = {behaviour for e in population for behaviour in e.labels.behaviours}
     # An individual may be the best of several behaviours; it is resurrected once.
-    extinct = list({a.id: a for name, a in archive.items() if name not in alive}.values())
+    lost = [e.individual for name, (_, e) in archive.items() if name not in alive]
+    extinct = list({i.id: i for i in lost}.values())
     slots += [
         (Origin.RESURRECTED, a.id, a.tree)
         for a in extinct[: scaled(allocation.resurrected, allocation, n)]

@@ -23,9 +23,8 @@ from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node, guard_of, size, walk
 from islandgp.gp.branches import branches_of
 from islandgp.gp.edits import Edit, path_text
-from islandgp.gp.record import IndividualRecord
+from islandgp.gp.record import IndividualRecord, fittest
 from islandgp.scoring.classes import Classes
-from islandgp.scoring.constraints import Constraints, merit, violation
 from islandgp.scoring.state import PopulationState
 from islandgp.search.compose import library_branches
 from islandgp.supervision.base import GenerationView, Guidance, RunContext
@@ -105,14 +104,6 @@ class Branch:
 
     node: Node
     source: str  # in words, e.g. "library tree single_charging"
-
-
-def best_of(individuals: Sequence[IndividualRecord], constraints: Constraints) -> IndividualRecord:
-    """The fittest individual that keeps the constraints, or else that with the least violation.
-
-    The first of several equal ones.
-    """
-    return max(individuals, key=lambda i: merit(i.fitness, violation(i.counters, constraints)))
 
 
 class Editor:
@@ -205,17 +196,17 @@ class Editor:
 
     def edits(self, view: GenerationView, rng: np.random.Generator) -> list[tuple[str, Edit]]:
         """At most `supervisor.edits` edits, each with the counter that it should raise."""
-        fittest = best_of(view.individuals, self.context.constraints)
+        best = fittest(view.individuals, self.context.constraints)
         advised = set(self._advised)
         untried: dict[str, Iterator[Edit]] = {}  # by counter
         edits: list[tuple[str, Edit]] = []
-        for requirement in self.requirements_to_edit_for(fittest):
+        for requirement in self.requirements_to_edit_for(best):
             if len(edits) == self.context.edits:
                 break
             counter = requirement.counter
             if counter not in untried:
                 branches = self.ranked_branches(counter, rng)
-                individual = self.individual_to_edit(view, fittest, rng)
+                individual = self.individual_to_edit(view, best, rng)
                 untried[counter] = self.untried_edits(individual, branches, requirement, advised)
             if (edit := next(untried[counter], None)) is not None:
                 edits.append((counter, edit))

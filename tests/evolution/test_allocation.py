@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from itertools import pairwise
 
@@ -16,10 +16,11 @@ from pydantic import ValidationError
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import Node
 from islandgp.domain import Outcome
-from islandgp.gp.population import Advice, BehaviourBest, Evaluated, Individual, Origin, ranked
+from islandgp.gp.population import Advice, Evaluated, Individual, Origin, ranked
 from islandgp.gp.selection import pick_parent, tournament
 from islandgp.search.paper import (
     Allocation,
+    BehaviourArchive,
     Parents,
     diversity_slots,
     next_population,
@@ -77,7 +78,7 @@ def built(
     *,
     seed: int = 1,
     injected: Node | None = None,
-    archive: Mapping[str, BehaviourBest] | None = None,
+    archive: BehaviourArchive | None = None,
     allocation: Allocation | None = None,
 ) -> tuple[Individual, ...]:
     """The population of generation 5."""
@@ -95,7 +96,7 @@ def built(
     )
 
 
-def archived(population: Sequence[Evaluated]) -> dict[str, BehaviourBest]:
+def archived(population: Sequence[Evaluated]) -> BehaviourArchive:
     """The archive after a first generation."""
     return update_behaviour_archive({}, population, BEHAVIOURS, 0)
 
@@ -111,13 +112,19 @@ def counted(new: Sequence[Individual]) -> Counter[str]:
     return Counter(rows.get(i.origin, i.origin.value) for i in new)
 
 
-def archives() -> st.SearchStrategy[dict[str, BehaviourBest]]:
+def best(name: str, tree: Node, fitness: float) -> tuple[int, Evaluated]:
+    """The best individual of a behaviour in the first stage."""
+    e = evaluated(name, outcome(fitness))
+    return 0, replace(e, individual=replace(e.individual, tree=tree))
+
+
+def archives() -> st.SearchStrategy[BehaviourArchive]:
     """Any memory of earlier generations."""
     ancestor = st.builds(
-        BehaviourBest,
-        id=st.sampled_from(["1.3", "2.7", "3.1"]),
-        tree=st.sampled_from(TREES),
-        fitness=st.just(1.0),
+        best,
+        st.sampled_from(["1.3", "2.7", "3.1"]),
+        st.sampled_from(TREES),
+        st.just(1.0),
     )
     return st.dictionaries(st.sampled_from(BEHAVIOURS), ancestor)
 
@@ -128,7 +135,7 @@ def archives() -> st.SearchStrategy[dict[str, BehaviourBest]]:
 )
 def test_table_1(
     population: tuple[Evaluated, ...],
-    archive: dict[str, BehaviourBest],
+    archive: BehaviourArchive,
     seed: int,
     tree: Node | None,
 ) -> None:
@@ -150,9 +157,7 @@ def test_table_1(
 
 @examples(max_examples=100)
 @given(data=st.data(), size=st.integers(4, 70), archive=archives(), seed=SEEDS)
-def test_other_sizes(
-    data: st.DataObject, size: int, archive: dict[str, BehaviourBest], seed: int
-) -> None:
+def test_other_sizes(data: st.DataObject, size: int, archive: BehaviourArchive, seed: int) -> None:
     """Table 1 scales: populations keep their size, and every row its scaled range."""
     population = data.draw(populations(size))
     table = composed().allocation
@@ -224,8 +229,8 @@ def test_resurrection() -> None:
     """A behaviour that died out comes back from the archive; one that lives does not."""
     population = people([outcome(fitness=float(i), pickups=3) for i in range(30)])
     archive = {
-        "pickup": BehaviourBest("1.1", TREES[0], 0, 1e6),
-        "humanoid": BehaviourBest("2.5", TREES[3], 0, 500.0),
+        "pickup": best("1.1", TREES[0], 1e6),
+        "humanoid": best("2.5", TREES[3], 500.0),
     }
     new = built(population, archive=archive)
     resurrected = [(i.parents, i.tree) for i in new if i.origin is Origin.RESURRECTED]
@@ -242,8 +247,8 @@ def test_an_ancestor_comes_back_once() -> None:
     """The best of two behaviours that died out takes one slot, and a third behaviour the other."""
     population = people([outcome()] * 30)
     first, second = (
-        BehaviourBest("2.5", TREES[3], 0, 500.0),
-        BehaviourBest("3.3", TREES[1], 0, 400.0),
+        best("2.5", TREES[3], 500.0),
+        best("3.3", TREES[1], 400.0),
     )
     new = built(population, archive={"humanoid": first, "balanced": first, "charging": second})
     assert [i.parents for i in new if i.origin is Origin.RESURRECTED] == [("2.5",), ("3.3",)]
@@ -253,11 +258,14 @@ def test_remember() -> None:
     """The archive keeps the best of each behaviour, the first of equals."""
     first = people([outcome(fitness=5.0, pickups=1), outcome(fitness=5.0, pickups=1, charges=1)])
     archive = update_behaviour_archive({}, first, BEHAVIOURS, 0)
-    assert {name: a.id for name, a in archive.items()} == {"pickup": "4.0", "charging": "4.1"}
+    assert {name: e.individual.id for name, (_, e) in archive.items()} == {
+        "pickup": "4.0",
+        "charging": "4.1",
+    }
     later = people([outcome(fitness=4.0, pickups=1), outcome(fitness=6.0, charges=1)])
     updated = update_behaviour_archive(archive, later, BEHAVIOURS, 0)
-    assert (updated["pickup"], updated["charging"].fitness) == (archive["pickup"], 6.0)
-    assert archive["charging"].fitness == 5.0, "the archive given is not changed"
+    assert (updated["pickup"], updated["charging"][1].fitness) == (archive["pickup"], 6.0)
+    assert archive["charging"][1].fitness == 5.0, "the archive given is not changed"
 
 
 def test_remember_by_stage() -> None:
@@ -267,7 +275,7 @@ def test_remember_by_stage() -> None:
     updated = update_behaviour_archive(
         archive, people([outcome(fitness=4.0, pickups=1)]), BEHAVIOURS, 1
     )
-    assert (updated["pickup"].fitness, updated["charging"].fitness) == (4.0, 9.0)
+    assert (updated["pickup"][1].fitness, updated["charging"][1].fitness) == (4.0, 9.0)
     assert (
         update_behaviour_archive(updated, people([outcome(fitness=3.0, pickups=1)]), BEHAVIOURS, 1)
         == updated
@@ -349,7 +357,7 @@ def test_names_and_parents(population: tuple[Evaluated, ...], seed: int) -> None
 def test_slots_are_filled_in_order() -> None:
     """Elites, behavioural elites, resurrected, diversity, tournament: the order of section 2.3."""
     outcomes = [outcome(fitness=float(i), pickups=i % 3, charges=i % 2) for i in range(30)]
-    archive = {"humanoid": BehaviourBest("1.0", TREES[3], 0, 9.0)}
+    archive = {"humanoid": best("1.0", TREES[3], 9.0)}
     rows = [
         "elite", "behavioural_elite", "resurrected", "injected", "random", "crossover", "copy",
     ]  # fmt: skip

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 import sys
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from functools import cached_property
 from importlib.util import find_spec
 from json import dumps, loads
@@ -244,31 +244,28 @@ class _Episode:
 
 def _check(world: settings.GymnasiumWorld, spaces: Spaces) -> None:
     """Raises ConfigError if the environment lacks an observation or action of the configuration."""
-    for name, observation in world.observations.items():
-        if observation.at not in spaces.places:
-            raise ConfigError(
-                f"world.observations.{name}.at: expected {spaces.named()}, the numbers of"
-                f" {world.environment}, found {observation.at!r}"
-            )
-    choices = {f"actions.{name}.do": choice.do for name, choice in world.actions.items()}
-    for path, action in {**choices, "otherwise": world.otherwise}.items():
-        if action is not None and not spaces.accepts(action):
-            raise ConfigError(
-                f"world.{path}: expected an action of {world.environment}, {spaces.actions}, found"
-                f" {[*action] if isinstance(action, tuple) else action}"
-            )
-    bounds = spaces.bounds
-    for name, choice in world.actions.items():
-        for key, filled in choice.arguments.items():
-            path = f"world.actions.{name}.arguments.{key}"
+    for line in _faults(world, spaces):
+        raise ConfigError(f"world.{line}")
+
+
+def _faults(world: settings.GymnasiumWorld, spaces: Spaces) -> Iterator[str]:
+    name, actions, bounds = world.environment, spaces.actions, spaces.bounds
+    for key, observation in world.observations.items():
+        if (at := observation.at) not in spaces.places:
+            expected = f"{spaces.named()}, the numbers of {name}"
+            yield f"observations.{key}.at: expected {expected}, found {at!r}"
+    choices = {f"actions.{key}.do": choice.do for key, choice in world.actions.items()}
+    for path, do in {**choices, "otherwise": world.otherwise}.items():
+        if do is not None and not spaces.accepts(do):
+            found = [*do] if isinstance(do, tuple) else do
+            yield f"{path}: expected an action of {name}, {actions}, found {found}"
+    for key, choice in world.actions.items():
+        for argument, filled in choice.arguments.items():
+            path = f"actions.{key}.arguments.{argument}"
             if filled.at >= len(bounds):
-                raise ConfigError(
-                    f"{path}.at: expected the place of a number of {spaces.actions}, found"
-                    f" {filled.at}"
-                )
+                yield f"{path}.at: expected the place of a number of {actions}, found {filled.at}"
+                continue
             (low, high), (least, most) = bounds[filled.at], filled.range
             if not low <= least < most <= high:
-                raise ConfigError(
-                    f"{path}.range: expected two rising numbers from {low:g} to {high:g}, found"
-                    f" {[least, most]}"
-                )
+                expected = f"two rising numbers from {low:g} to {high:g}"
+                yield f"{path}.range: expected {expected}, found {[least, most]}"
