@@ -30,7 +30,7 @@ PARTS: Final[dict[str, tuple[str, tuple[str, ...]]]] = {
     # name: what it is, and what "path:function" in it holds
     "motion": (
         "compiled functions between two ticks: motion, sensing, the schedule",
-        ("island/episode.py:_run",),
+        ("island/episode.py:run_episode",),
     ),
     "tree": (
         "the tree and its actions",

@@ -75,44 +75,24 @@ def run_episode(
             timed=timed,
             may_coast=may_coast,
         )
-        episode = _run(tree, island, seed, actions, watch, observe, sensors)
+        board = island.board if sensors is None else island.board.tolist()
+        bound, step_s = _bound_actions(tree, island, actions), world.episode.step
+        keys = VOCABULARY.key_index
+        tick = compile_tree(tree, bound, board, keys, watch=watch, step_s=step_s, seed=seed)
+        status, ticks = FAILURE, 0
+        while (task := engine.proceed(island.record, status)) < engine.ENDED:
+            island.count_events()
+            if task == engine.TICK:
+                if sensors is not None:
+                    board[:] = sensors(island.board)
+                status = tick()
+                ticks += 1
+                if observe is not None:
+                    observe(island)
         island.spaces.append(island.physics)
-        if episode is not None:
-            return episode
-        may_coast = False
-
-
-def _run(
-    tree: Node,
-    island: State,
-    seed: int,
-    actions: Mapping[str, IslandAction],
-    watch: Callable[[int, int], None] | None,
-    observe: Callable[[State], None] | None,
-    sensors: Sensors | None,
-) -> Episode | None:
-    """Runs an episode from step 0 to its end; None: it has to be repeated without coasting."""
-    board = island.board if sensors is None else island.board.tolist()
-    tick = compile_tree(
-        tree,
-        _bound_actions(tree, island, actions),
-        board,
-        VOCABULARY.key_index,
-        watch=watch,
-        step_s=island.world.episode.step,
-        seed=seed,
-    )
-    status, ticks = FAILURE, 0
-    while (task := engine.proceed(island.record, status)) < engine.ENDED:
-        island.count_events()
-        if task == engine.TICK:
-            if sensors is not None:
-                board[:] = sensors(island.board)
-            status = tick()
-            ticks += 1
-            if observe is not None:
-                observe(island)
-    return _outcome(island, ticks) if task == engine.ENDED else None
+        if task == engine.ENDED:
+            return _outcome(island, ticks)
+        may_coast = False  # two contacts of one body: the episode is repeated
 
 
 def _bound_actions(

@@ -11,6 +11,7 @@ later episodes in the same world: its bodies are taken out, placed, and added ag
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import dataclass
 from enum import IntEnum
 from functools import lru_cache
 
@@ -36,7 +37,8 @@ class Contacts:
     """The robot's contacts, updated by the physics engine."""
 
     def __init__(self, humanoids: int) -> None:
-        self.touching: set[int] = set()  # humanoids; -1 and below: static shapes
+        self.index: dict[pymunk.Shape, int] = {}  # humanoids; -1 and below: static shapes
+        self.touching: set[int] = set()
         # How many things it touches, how many humanoids since the last reset of this number, and
         # for each humanoid whether it is touched.
         self.table: Table = np.zeros(2 + humanoids, np.int64)
@@ -46,8 +48,15 @@ class Contacts:
         self.touching.clear()
         self.table[:] = 0
 
-    def update(self, other: int, touches: bool) -> None:
-        """A contact with a humanoid or a static shape begins or ends."""
+    def begin(self, arbiter: pymunk.Arbiter, _space: pymunk.Space, _data: object) -> None:
+        """A contact with a humanoid or a static shape begins."""
+        self._update(self.index[arbiter.shapes[1]], True)
+
+    def separate(self, arbiter: pymunk.Arbiter, _space: pymunk.Space, _data: object) -> None:
+        """A contact ends; when a space is deleted, the engine ends all of them."""
+        self._update(self.index.get(arbiter.shapes[1], 0), False)
+
+    def _update(self, other: int, touches: bool) -> None:
         (self.touching.add if touches else self.touching.discard)(other)
         self.table[0] = len(self.touching)
         if other >= 0:
@@ -55,27 +64,20 @@ class Contacts:
             self.table[2 + other] = touches
 
 
+@dataclass(frozen=True, slots=True)
 class Space:
     """A space with the bodies of one episode."""
 
-    def __init__(
-        self,
-        space: pymunk.Space,
-        robot: pymunk.Body,
-        humanoids: tuple[pymunk.Body, ...],
-        contacts: Contacts,
-    ) -> None:
-        """The robot was added to `space` first, then the humanoids in their order."""
-        self.space = space
-        self.robot = robot
-        self.humanoids = humanoids
-        self.contacts = contacts
-        self._movers = [(body, next(iter(body.shapes))) for body in (robot, *humanoids)]
+    space: pymunk.Space  # to which the robot was added first, then the humanoids in their order
+    robot: pymunk.Body
+    humanoids: tuple[pymunk.Body, ...]
+    contacts: Contacts
 
     def reset(self, starts: Iterable[tuple[float, float, float, float]]) -> None:
         """Resets the space to step 0: x, y, vx and vy of the robot and of each humanoid."""
-        self.space.remove(*(thing for mover in self._movers for thing in mover))
-        for (body, shape), (x, y, vx, vy) in zip(self._movers, starts, strict=True):
+        movers = [(body, next(iter(body.shapes))) for body in (self.robot, *self.humanoids)]
+        self.space.remove(*(thing for mover in movers for thing in mover))
+        for (body, shape), (x, y, vx, vy) in zip(movers, starts, strict=True):
             body.update_position(body, 0)  # a remaining overlap no longer moves it
             body.position, body.velocity = (x, y), (vx, vy)
             self.space.add(body, shape)
@@ -94,8 +96,7 @@ def idle_spaces(
 
 def build_space(world: IslandWorld, schedule: Schedule) -> Space:
     """A fresh space at step 0."""
-    space = pymunk.Space()
-    index: dict[pymunk.Shape, int] = {}
+    space, contacts = pymunk.Space(), Contacts(len(schedule.humanoids))
     corners = [(-WALL, -WALL), (world.side + WALL, -WALL)]
     corners += [(world.side + WALL, world.side + WALL), (-WALL, world.side + WALL)]
     static: list[pymunk.Shape] = [
@@ -106,7 +107,7 @@ def build_space(world: IslandWorld, schedule: Schedule) -> Space:
     for i, shape in enumerate(static):
         shape.elasticity = 1.0
         shape.collision_type = CollisionType.STATIC
-        index[shape] = -1 - i
+        contacts.index[shape] = -1 - i
     space.add(*static)
 
     robot = pymunk.Body(ROBOT_MASS, float("inf"))
@@ -125,22 +126,10 @@ def build_space(world: IslandWorld, schedule: Schedule) -> Space:
         shape.collision_type = CollisionType.HUMANOID
         shape.filter = pymunk.ShapeFilter(group=HUMANOID_GROUP)
         space.add(body, shape)
-        index[shape] = i
+        contacts.index[shape] = i
         humanoids.append(body)
-    contacts = Contacts(len(humanoids))
-    _watch_contacts(space, index, contacts)
-    return Space(space, robot, tuple(humanoids), contacts)
-
-
-def _watch_contacts(
-    space: pymunk.Space, index: dict[pymunk.Shape, int], contacts: Contacts
-) -> None:
-    def begin(arbiter: pymunk.Arbiter, _space: pymunk.Space, _data: object) -> None:
-        contacts.update(index[arbiter.shapes[1]], True)
-
-    def separate(arbiter: pymunk.Arbiter, _space: pymunk.Space, _data: object) -> None:
-        # When a space is deleted, the engine separates all contacts, perhaps after `index` is gone.
-        contacts.update(index.get(arbiter.shapes[1], 0), False)
-
     for kind in (CollisionType.HUMANOID, CollisionType.STATIC):
-        space.on_collision(CollisionType.ROBOT, kind, begin=begin, separate=separate)
+        space.on_collision(
+            CollisionType.ROBOT, kind, begin=contacts.begin, separate=contacts.separate
+        )
+    return Space(space, robot, tuple(humanoids), contacts)
