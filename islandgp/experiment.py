@@ -27,11 +27,12 @@ from islandgp.errors import ConfigError
 from islandgp.evaluation.base import evaluated
 from islandgp.evaluation.serial import Serial
 from islandgp.evolution.generation import evaluate, training_seeds
-from islandgp.evolution.loop import evolve, state_of_population
+from islandgp.evolution.loop import evolve
 from islandgp.gate import must_be_known_code, user_folder
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Evaluated, Individual
 from islandgp.gp.record import GenerationRecord, GuidanceRecord, Step
+from islandgp.gp.state import population_state
 from islandgp.results import Results, load
 from islandgp.running.parts import make_search, make_supervisor, plan_of
 from islandgp.running.run import run as run_settings
@@ -212,7 +213,7 @@ def recorded_decisions(
     for record in records:
         guidance = record.guidance
         if guidance is not None and guidance.asked_at is not None:
-            yield state_of_population(plan, history[: guidance.asked_at + 1]), guidance
+            yield population_state(plan, history[: guidance.asked_at + 1]), guidance
 
 
 def compose(*overrides: str, config_dir: str | Path | None = None) -> Experiment:

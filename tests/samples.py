@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import asdict, replace
+from functools import cache
 from typing import Any, Final
 
 import yaml
@@ -12,12 +13,15 @@ from islandgp.bt.core.language import parse
 from islandgp.domain import Outcome
 from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.evolution.validation import Best, Validation
+from islandgp.gp.plan import Plan
 from islandgp.gp.population import Evaluated, Individual, Origin
 from islandgp.gp.record import Champion
+from islandgp.gp.state import population_state
 from islandgp.resources import resource
 from islandgp.scoring.classes import Classes, classify
 from islandgp.scoring.generation_stats import GenerationStats
-from islandgp.scoring.state import Crisis, PopulationState, StateSettings, population_state
+from islandgp.scoring.state import PopulationState
+from tests.composed import composed_plan
 
 _PAPER = resource("conf") / "classes" / "paper.yaml"
 CLASSES: Final = Classes(**yaml.safe_load(_PAPER.read_text(encoding="utf-8")))
@@ -107,20 +111,15 @@ def snapshot(
     )
 
 
+@cache
+def paper_plan() -> Plan:
+    """The plan of the paper's experiment."""
+    return composed_plan("experiment=paper")
+
+
 def state(history: Sequence[GenerationStats], **changes: Any) -> PopulationState:
     """The state after a history, with the paper's settings."""
-    after = population_state(
-        history,
-        StateSettings(window=5, improvement=0.01, low_diversity=0.3),
-        Crisis(diversity_below=0.05, stagnant_epochs_above=1.5, emergency_rate=0.5),
-        CLASSES,
-        crossover_rate=0.8,
-        population=30,
-        generations=41,
-        generations_per_epoch=5,
-        multipliers=EARLY,
-    )
-    return replace(after, **changes)
+    return replace(population_state(paper_plan(), history), **{"multipliers": EARLY, **changes})
 
 
 def evaluated(

@@ -8,7 +8,6 @@ from math import inf
 from time import perf_counter
 
 from islandgp.bt.core.language import to_text
-from islandgp.bt.core.node import size
 from islandgp.domain import Outcome, total
 from islandgp.evaluation.base import Evaluator, Job, evaluated
 from islandgp.evolution.search_calls import asked_of
@@ -17,9 +16,10 @@ from islandgp.gp.edits import EditTrial
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Evaluated, Individual, Origin
 from islandgp.gp.record import IndividualRecord, RunState, to_record
+from islandgp.gp.state import generation_stats
 from islandgp.scoring.classes import classify
 from islandgp.scoring.constraints import mean_violation, violation
-from islandgp.scoring.generation_stats import GenerationStats, generation_stats
+from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.search.base import Search, SearchState
 from islandgp.seeding import Stream, Streams, seed_of
 
@@ -72,7 +72,7 @@ def evaluate_generation(
         parts, population, records, worlds, state.edit_parents, stage=plan.curriculum.stage(g)
     )
     seconds = perf_counter() - started
-    stats = statistics_of(plan, g, state.advice.rate, population)
+    stats = generation_stats(plan, g, state.advice.rate, population)
     return EvaluatedGeneration(
         worlds,
         population,
@@ -82,22 +82,6 @@ def evaluate_generation(
         trials,
         len(population) * plan.gp.episodes + archive.episodes + of_trials,
         seconds,
-    )
-
-
-def statistics_of(
-    plan: Plan, generation: int, rate: float, population: Sequence[Evaluated]
-) -> GenerationStats:
-    """The statistics of a generation that was created with `rate`."""
-    return generation_stats(
-        [e.outcome for e in population],
-        [e.labels for e in population],
-        [size(e.individual.tree) for e in population],
-        plan.classes,
-        plan.curriculum,
-        generation=generation,
-        rate=rate,
-        constraints=plan.constraints,
     )
 
 

@@ -26,28 +26,12 @@ from islandgp.gp.record import (
     Step,
     updated_champion,
 )
-from islandgp.scoring.generation_stats import GenerationStats
-from islandgp.scoring.state import PopulationState, population_state
+from islandgp.gp.state import population_state
+from islandgp.scoring.state import PopulationState
 from islandgp.search.base import Search, SearchState
 from islandgp.seeding import Streams
 from islandgp.supervision.base import GenerationView, Guidance, Supervisor
 from islandgp.supervision.guidance import SupervisorQueue, decide, nameable
-
-
-def state_of_population(plan: Plan, history: Sequence[GenerationStats]) -> PopulationState:
-    """The state of the population (Table 5) after a history; line 6 of Algorithm 1."""
-    stage = plan.curriculum.stage(history[-1].generation + 1)
-    return population_state(
-        history,
-        plan.gp.state,
-        plan.gp.crisis,
-        plan.classes,
-        crossover_rate=plan.gp.crossover_rate,
-        population=plan.gp.population,
-        generations=plan.gp.generations,
-        generations_per_epoch=plan.curriculum.generations_per_epoch,
-        multipliers=dict(plan.curriculum.multipliers(stage)),
-    )
 
 
 def initial_state(plan: Plan, search: Search) -> RunState:
@@ -120,7 +104,7 @@ class _Loop:
             record = next(records, None)
             view = None if record is None else self._recorded(record)
             if g >= start.generation - plan.switches.lag:
-                self.queue.ask(state_of_population(plan, start.history[: g + 1]), view)
+                self.queue.ask(population_state(plan, start.history[: g + 1]), view)
             elif view is not None:
                 self.queue.recall(view)
             self.guidance = None if record is None else record.guidance
@@ -142,7 +126,7 @@ class _Loop:
         search_state = SearchState(g, state.memory, state.advice)
         done = evaluate_generation(parts, state, search_state)
         history = (*state.history, done.stats)
-        population = state_of_population(plan, history)
+        population = population_state(plan, history)
         champion = updated_champion(state.champion, g, done.records, plan.constraints)
         library = max(state.library, parts.library_episodes())
         outside = library - state.library  # episodes outside training

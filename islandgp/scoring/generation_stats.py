@@ -5,12 +5,6 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from statistics import fmean, pstdev
-
-from islandgp.domain import Outcome
-from islandgp.scoring.classes import BehaviourLabels, Classes
-from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, merit, violation
-from islandgp.scoring.curriculum import Curriculum
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,46 +40,3 @@ def overlapping(behaviour_counts: Mapping[str, int]) -> float:
     """
     total = sum(behaviour_counts.values())
     return 1 - max(behaviour_counts.values()) / total if total else 0.0
-
-
-def generation_stats(
-    outcomes: Sequence[Outcome],
-    labels: Sequence[BehaviourLabels],
-    sizes: Sequence[int],
-    classes: Classes,
-    curriculum: Curriculum,
-    *,
-    generation: int,
-    rate: float,
-    constraints: Constraints = NO_CONSTRAINTS,
-) -> GenerationStats:
-    """Line 5 of Algorithm 1: the statistics of an evaluated population, created with `rate`."""
-    specialists = [label.specialist for label in labels]
-    tier_counts = Counter([tier for label in labels for tier in label.tiers])
-    fitness = [o.fitness for o in outcomes]
-    merits = [
-        merit(points, violation(o.counters, constraints))
-        for points, o in zip(fitness, outcomes, strict=True)
-    ]
-    counts = Counter(specialists)
-    individuals = Counter([name for o in outcomes for name in classes.behaviours_of(o.counters)])
-    behaviours = {name: individuals[name] for name in classes.behaviours}
-    return GenerationStats(
-        generation=generation,
-        epoch=curriculum.epoch(generation),
-        stage=curriculum.stage(generation),
-        fitness_max=max(merits)[1],
-        fitness_mean=fmean(fitness),
-        fitness_sd=pstdev(fitness),
-        diversity=diversity(specialists),
-        overlapping=overlapping(behaviours),
-        working=sum(label.working for label in labels) / len(labels),
-        specialists={name: counts[name] for name in classes.specialist_names},
-        behaviour_counts=behaviours,
-        tiers={name: tier_counts[name] for name in classes.tiers},
-        counters={
-            name: fmean([o.counters[name] for o in outcomes]) for name in outcomes[0].counters
-        },
-        size=fmean(sizes),
-        rate=rate,
-    )

@@ -13,7 +13,6 @@ from statistics import fmean
 from pydantic import BaseModel, Field
 
 from islandgp.domain import total
-from islandgp.scoring.classes import Classes
 from islandgp.scoring.generation_stats import GenerationStats
 
 
@@ -104,50 +103,3 @@ def stagnant(history: Sequence[GenerationStats], improvement: float) -> int:
         if snapshot.stage != stage or snapshot.fitness_max > best + improvement * abs(best):
             stage, best, since = snapshot.stage, snapshot.fitness_max, 0
     return since
-
-
-def population_state(
-    history: Sequence[GenerationStats],
-    settings: StateSettings,
-    crisis: Crisis,
-    classes: Classes,
-    *,
-    crossover_rate: float,
-    population: int,
-    generations: int,
-    generations_per_epoch: int,
-    multipliers: dict[str, float],
-) -> PopulationState:
-    """The state after the last generation of `history` (all generations so far, oldest first)."""
-    now, recent = history[-1], tuple(history[-settings.window :])
-    before = history[-2] if len(history) > 1 else now
-    stage = [s for s in recent if s.stage == now.stage]
-    last = stage[-2] if len(stage) > 1 else now
-    plateau, counts = stagnant(history, settings.improvement), now.behaviour_counts
-    return PopulationState(
-        now=now,
-        history=recent,
-        best_rose=plateau == 0 and len(stage) > 1,
-        best_rise=(now.fitness_max - stage[0].fitness_max) / max(1.0, abs(stage[0].fitness_max)),
-        best_change=now.fitness_max - last.fitness_max,
-        mean_change=now.fitness_mean - last.fitness_mean,
-        best_trend=trend([s.fitness_max for s in stage]),
-        mean_trend=trend([s.fitness_mean for s in stage]),
-        diversity_change=now.diversity - before.diversity,
-        diversity_trend=trend([s.diversity for s in recent]),
-        stagnant_generations=plateau,
-        stagnant_epochs=plateau / generations_per_epoch,
-        crisis=crisis.reason(now.diversity, plateau / generations_per_epoch),
-        diversity_warning=now.diversity < settings.low_diversity,
-        milestones_reached={
-            name: any(s.tiers[name] for s in history) for name in classes.milestones
-        },
-        dominant=max(now.specialists, key=lambda name: now.specialists[name]),
-        rarest_behaviours=tuple(sorted(counts, key=lambda name: counts[name])),
-        targets=classes.targets,
-        mutation_rate=now.rate,
-        crossover_rate=crossover_rate,
-        population=population,
-        generations=generations,
-        multipliers=multipliers,
-    )

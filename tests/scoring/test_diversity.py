@@ -5,10 +5,9 @@ from __future__ import annotations
 import pytest
 
 from islandgp.domain import Outcome
-from islandgp.scoring.classes import classify
-from islandgp.scoring.generation_stats import diversity, generation_stats
-from tests.composed import composed
-from tests.samples import CLASSES, outcome
+from islandgp.gp.state import generation_stats
+from islandgp.scoring.generation_stats import diversity
+from tests.samples import CLASSES, evaluated, outcome, paper_plan
 
 PATROL, PICKUP, HUMANOID, BALANCED = CLASSES.specialist_names
 
@@ -32,12 +31,8 @@ def test_diversity(classes: list[str], expected: float) -> None:
 
 def working_ratio(outcomes: list[Outcome]) -> float:
     """Eq. (4) of a population."""
-    labels = [classify(o, CLASSES) for o in outcomes]
-    sizes = [1] * len(outcomes)
-    curriculum = composed().curriculum
-    return generation_stats(
-        outcomes, labels, sizes, CLASSES, curriculum, generation=0, rate=0.4
-    ).working
+    population = [evaluated(f"0.{slot}", o) for slot, o in enumerate(outcomes)]
+    return generation_stats(paper_plan(), 0, 0.4, population).working
 
 
 def test_working_ratio() -> None:

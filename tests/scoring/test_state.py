@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import pytest
 
-from islandgp.scoring.classes import classify
-from islandgp.scoring.generation_stats import generation_stats
+from islandgp.gp.state import generation_stats
 from islandgp.scoring.state import stagnant, trend
-from tests.composed import composed
-from tests.samples import CLASSES, outcome, snapshot, state
+from tests.samples import CLASSES, evaluated, outcome, paper_plan, snapshot, state
 
 
 @pytest.mark.parametrize(
@@ -68,11 +66,9 @@ def test_measure() -> None:
         outcome(fitness=20000, pickups=2, interactions=1, deliveries=1, charges=1, gathered=9,
                 distance=400, inactive=40),
     ]  # fmt: skip
-    labels = [classify(o, CLASSES) for o in outcomes]
-    table = composed().curriculum
-    stats = generation_stats(
-        outcomes, labels, [3, 5, 7, 9], CLASSES, table, generation=12, rate=0.3
-    )
+    trees = ["sequence { " + "PatrolWaypoint " * n + "}" for n in (2, 4, 6, 8)]
+    population = [evaluated(f"0.{k}", o, tree=trees[k]) for k, o in enumerate(outcomes)]
+    stats = generation_stats(paper_plan(), 12, 0.3, population)
     assert (stats.generation, stats.epoch, stats.stage, stats.rate) == (12, 3, 1, 0.3)
     assert (stats.fitness_max, stats.fitness_mean) == (20000, 5175)
     # deviations -5275, -4875, -4675, 14825: sum of squares 293,227,500, a quarter is 73,306,875

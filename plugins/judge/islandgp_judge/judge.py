@@ -32,12 +32,12 @@ from islandgp.config.settings import Settings
 from islandgp.errors import RunError
 from islandgp.evaluation.base import Job
 from islandgp.evaluation.serial import Serial
-from islandgp.evolution.generation import evaluate, statistics_of
-from islandgp.evolution.loop import state_of_population
+from islandgp.evolution.generation import evaluate
 from islandgp.gp.branches import random_branch, with_branch
 from islandgp.gp.edits import Edit, edited
 from islandgp.gp.population import Individual, Origin
 from islandgp.gp.record import IndividualRecord
+from islandgp.gp.state import generation_stats, population_state
 from islandgp.plain import DECODE_ERRORS
 from islandgp.running.parts import run_context
 from islandgp.scoring.state import PopulationState
@@ -152,12 +152,12 @@ def case_of(index: int, p: Population, settings: Settings) -> Case:
     ]
     evaluator = Serial(settings.problem())
     evaluated, records, _ = evaluate(plan, g, individuals, [p.world], evaluator)
-    stats = statistics_of(plan, g, gp.mutation_rate, evaluated)
+    stats = generation_stats(plan, g, gp.mutation_rate, evaluated)
     multipliers = plan.curriculum.multipliers(plan.curriculum.stage(g))
     view = GenerationView(stats, (p.world,), multipliers, records, None)
     parent = parents_of(view, context, 1)[0]
     context = replace(context, gp=gp)
-    state = state_of_population(plan, [stats])
+    state = population_state(plan, [stats])
     return Case(index, p.domain, settings, context, view, state, parent)
 
 
