@@ -16,7 +16,8 @@ episode's end, is closed, so that its `finally` runs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from copy import copy
 from functools import cache, wraps
 from math import isfinite
@@ -164,8 +165,54 @@ class SimulatorDomain:
         log = EventLog(self.rewards, self.schema, weights, observer)
         draws = observer is not None and wants_scenes(observer)
         episode, leaves = self.begin(seed, log, watched=draws)
+        step, measures = getattr(episode, "step", str), getattr(episode, "measures", dict)
+        scene = getattr(episode, "scene", lambda: None) if draws else lambda: None
+        vocabulary = self.schema.vocabulary
+        key_index, initial = vocabulary.key_index, vocabulary.initial
+        board = [initial.get(place, 0.0) for place in range(len(key_index))]
+        sensed = {n: key for n, key in vocabulary.keys.items() if not key.writable}
+        places = [key_index[name] for name in sensed]
+        runners: list[_LoggedLeaf] = []
+
+        def runner_of(args: ActionArgs) -> _LoggedLeaf:
+            runner = LeafRunner(args, leaves[args.name], vocabulary, board, key_index)
+            runners.append(_LoggedLeaf(args.name, runner, log))
+            return runners[-1]
+
+        watch = None if observer is None else observer.node
+        tick = compile_tree(
+            tree, runner_of, board, key_index, watch=watch, step_s=self.step_s, seed=seed
+        )
+        read, see = self.reader(episode), None
+        if self.faults is not None:
+            see = self.faults.sensors(sensed, seed)
+        done, ending, most = 0, "", self.world.ticks
+        with self._calls_named(episode, leaves):
+            while not ending and done < most:
+                values = read() if see is None else see(read())
+                if initial:
+                    for place, value in zip(places, values, strict=True):
+                        board[place] = value
+                else:
+                    board[:] = values
+                tick()
+                done += 1
+                if observer is not None:
+                    observer.tick(board, scene())
+                ending = step()
+                if ending and not isinstance(ending, str):
+                    raise no_ending(ending, step)
+            for runner in runners:
+                runner.stop()
+            counters = _counters(self.schema, log, measures)
+        seconds = float(done * self.step_s)
+        return Outcome(log.components, counters, seconds, endings=(ending or "time",))
+
+    @contextmanager
+    def _calls_named(self, episode: Any, leaves: Mapping[str, Leaf]) -> Iterator[None]:
+        """Names the method whose signature is why a TypeError was raised."""
         try:
-            return self._run(episode, leaves, tree, log, observer, seed)
+            yield
         except TypeError as error:
             for name in ("sense", "step", "measures", "scene", *leaves):
                 if (method := leaves.get(name, getattr(episode, name, None))) is not None:
@@ -204,61 +251,6 @@ class SimulatorDomain:
             return [*map(float, board)]
 
         return read
-
-    def _run(
-        self,
-        episode: Any,
-        leaves: Mapping[str, Leaf],
-        tree: Node,
-        log: EventLog,
-        observer: Observer | None,
-        seed: int,
-    ) -> Outcome:
-        step, measures = getattr(episode, "step", str), getattr(episode, "measures", dict)
-        draws = observer is not None and wants_scenes(observer)
-        scene = getattr(episode, "scene", lambda: None) if draws else lambda: None
-        vocabulary = self.schema.vocabulary
-        key_index, initial = vocabulary.key_index, vocabulary.initial
-        board = [initial.get(place, 0.0) for place in range(len(key_index))]
-        sensed = {n: key for n, key in vocabulary.keys.items() if not key.writable}
-        places = [key_index[name] for name in sensed]
-        runners: list[_LoggedLeaf] = []
-
-        def runner_of(args: ActionArgs) -> _LoggedLeaf:
-            runner = LeafRunner(args, leaves[args.name], vocabulary, board, key_index)
-            runners.append(_LoggedLeaf(args.name, runner, log))
-            return runners[-1]
-
-        watch = None if observer is None else observer.node
-        tick = compile_tree(
-            tree, runner_of, board, key_index, watch=watch, step_s=self.step_s, seed=seed
-        )
-        read, see = self.reader(episode), None
-        if self.faults is not None:
-            see = self.faults.sensors(sensed, seed)
-        done, ending, most = 0, "", self.world.ticks
-        while not ending and done < most:
-            values = read() if see is None else see(read())
-            if initial:
-                for place, value in zip(places, values, strict=True):
-                    board[place] = value
-            else:
-                board[:] = values
-            tick()
-            done += 1
-            if observer is not None:
-                observer.tick(board, scene())
-            ending = step()
-            if ending and not isinstance(ending, str):
-                raise no_ending(ending, step)
-        for runner in runners:
-            runner.stop()
-        return Outcome(
-            components=log.components,
-            counters=_counters(self.schema, log, measures),
-            seconds=float(done * self.step_s),
-            endings=(ending or "time",),
-        )
 
 
 def _leaf(episode: Any, name: str) -> Leaf:

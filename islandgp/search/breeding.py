@@ -230,7 +230,13 @@ def new_generation(
         new[:0] = [mutants] * (slots.injected - 1)
     for slot, each in zip(range(len(individuals), n), new, strict=False):
         rng = streams(Stream.SEARCH, generation=g, slot=slot)
-        yield _new_individual(rng, f"{g}.{slot}", each, plan.space, settings, known_digests)
+        for _ in range(TRIES):  # after these, a tree that was evaluated before is accepted
+            proposal = _proposed(rng, each, plan.space, settings)
+            key = digest(proposal[0])
+            if key not in known_digests:
+                break
+        known_digests.add(key)
+        yield Individual(f"{g}.{slot}", *proposal)
 
 
 def _mutants(
@@ -246,33 +252,16 @@ def _mutants(
     return propose
 
 
-def _new_individual(
-    rng: np.random.Generator,
-    name: str,
-    contents: GenerationPlan,
-    space: TreeSpace,
-    settings: RandomTrees,
-    known_digests: set[str],
-) -> Individual:
-    """A proposed tree, a child of the parents that `contents.pick` draws, or a random tree.
-
-    The digest of the tree is added to `known_digests`.
-
-    After TRIES attempts, a tree that was evaluated before is accepted.
-    """
-    for _ in range(TRIES):
-        if (proposal := contents.propose(rng)) is not None:
-            i = Individual(name, *proposal)
-        elif contents.pick is None:
-            i = Individual(name, new_tree(rng, space, settings), Origin.RANDOM)
-        else:
-            assert isinstance(settings, Breeding)
-            i = Individual(name, *new_child(rng, *contents.pick(rng), space, settings))
-        key = digest(i.tree)
-        if key not in known_digests:
-            break
-    known_digests.add(key)
-    return i
+def _proposed(
+    rng: np.random.Generator, contents: GenerationPlan, space: TreeSpace, settings: RandomTrees
+) -> Proposal:
+    """A proposed tree, a child of the parents that `contents.pick` draws, or a random tree."""
+    if (proposal := contents.propose(rng)) is not None:
+        return proposal
+    if contents.pick is None:
+        return new_tree(rng, space, settings), Origin.RANDOM, (), ""
+    assert isinstance(settings, Breeding)
+    return new_child(rng, *contents.pick(rng), space, settings)
 
 
 class HasBreeding(Protocol):
