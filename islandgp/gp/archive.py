@@ -171,16 +171,14 @@ def update_archive(
                 elites[cell] = replace(mean, world=new.world)
         elif new.cell not in challengers or new.mean > challengers[new.cell].mean:
             challengers[new.cell] = new
-    filled = [cell for cell in challengers if cell not in elites]
+    filled = {cell: c for cell, c in challengers.items() if cell not in elites}
     rivals = [
-        (elites[cell], challenger)
+        (elites.pop(cell), challenger)
         for cell, challenger in sorted(challengers.items())
         if cell in elites and _beats(challenger, elites[cell])
     ]
-    elites |= {cell: challengers[cell] for cell in filled}
+    elites |= filled
     improved = 0
-    for elite, _ in rivals:
-        del elites[elite.cell]
     for old, rival in _reevaluated(rivals, settings.reevaluations, reevaluate):
         wins = rival is not None and (old is None or _beats(rival, old))
         improved += wins

@@ -34,8 +34,8 @@ from islandgp.supervision.library import library_folder
 from islandgp.testing.episodes import (
     SEEDS,
     Promise,
+    Record,
     Survey,
-    TreeRun,
     fault_text,
     tree_line,
     unreached,
@@ -118,7 +118,7 @@ def check_domain(
         except (Exception, SystemExit) as error:
             found[promise] = fault_text(error)
     for run in survey.runs:
-        for promise, fault in (*_of_outcomes(survey, run), *run.record.faults.items()):
+        for promise, fault in (*_of_outcomes(survey, run), *run.faults.items()):
             found.setdefault(promise, fault)
     return Check({str(promise): found[promise] for promise in Promise if promise in found}, survey)
 
@@ -192,7 +192,7 @@ def _grow(survey: Survey, actions: Sequence[Node], most: int) -> None:
             longer = (*chain, action)
             if (run := survey.run(sequence(*longer))) is None:
                 continue
-            firsts, states = run.record.firsts() - reached, run.record.states - reached
+            firsts, states = run.firsts() - reached, run.states - reached
             reached |= firsts | states
             if firsts or states:
                 heappush(waiting, (not firsts, -len(longer), -most, longer))
@@ -208,9 +208,9 @@ def _other_outcome(survey: Survey, domain: Domain) -> str:
     return ""
 
 
-def _of_outcomes(survey: Survey, run: TreeRun) -> Iterator[tuple[Promise, str]]:
+def _of_outcomes(survey: Survey, run: Record) -> Iterator[tuple[Promise, str]]:
     """The promises that a tree's outcomes break, each with a line."""
-    schema, record = survey.domain.schema, run.record
+    schema = survey.domain.schema
     for o in run.plain:
         for kind in ("components", "counters"):
             names, declared = ([*getattr(each, kind)] for each in (o, schema))
@@ -229,13 +229,13 @@ def _of_outcomes(survey: Survey, run: TreeRun) -> Iterator[tuple[Promise, str]]:
     if run.watched != run.plain[0]:
         line = f"Expected the same outcome when observed, found another of {tree_line(run.tree)}"
         yield Promise.OBSERVED, line
-    if not record.ticks:
+    if not run.ticks:
         yield Promise.RANGES, "Expected `observer.tick` to be called for each tick."
     for name, points in run.watched.components.items():
-        if not isclose(record.points[name], points, rel_tol=1e-9, abs_tol=1e-6):
-            line = f"Expected credits of {points} for {name}, found {record.points[name]}."
+        if not isclose(run.points[name], points, rel_tol=1e-9, abs_tol=1e-6):
+            line = f"Expected credits of {points} for {name}, found {run.points[name]}."
             yield Promise.CREDITS, line
-    for name in sorted(schema.counters.keys() & schema.events.keys() & record.credited.keys()):
-        expected, counted = record.credited[name], run.watched.counters[name]
+    for name in sorted(schema.counters.keys() & schema.events.keys() & run.credited.keys()):
+        expected, counted = run.credited[name], run.watched.counters[name]
         if counted != expected:
             yield Promise.COUNTERS, f"Expected {expected} as the counter {name}, found {counted}."

@@ -40,23 +40,12 @@ class Promise(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
-class TreeRun:
-    """A tree's episodes."""
-
-    tree: Node
-    seeds: Sequence[int]  # of its worlds
-    watched: Outcome  # in the first one
-    plain: tuple[Outcome, ...]  # not watched, in each
-    record: Record
-
-
-@dataclass(frozen=True, slots=True)
 class Survey:
     """Results of all trees in one domain."""
 
     domain: Domain
     timeout: float  # of an episode, s; 0: none
-    runs: list[TreeRun] = field(default_factory=list)  # of the trees that raised no exception
+    runs: list[Record] = field(default_factory=list)  # of the trees that raised no exception
     crashes: dict[tuple[str, str], str] = field(default_factory=dict)
     """By type and place: a line on the first exception, with the seed of the world and the tree."""
 
@@ -76,17 +65,17 @@ class Survey:
         assert isinstance(outcome, Outcome), f"Expected an Outcome, found {outcome!r:.80}"
         return outcome
 
-    def run(self, tree: Node, seeds: Sequence[int] = SEEDS) -> TreeRun | None:
+    def run(self, tree: Node, seeds: Sequence[int] = SEEDS) -> Record | None:
         """Runs a tree in each of some worlds; None if it failed.
 
         Raises:
             TimeLimitError: an episode took too long; it is kept as well.
         """
-        record, outcomes, at = Record(tree, self.domain.schema), list[Outcome](), seeds[0]
+        record, at = Record(tree, self.domain.schema, seeds), seeds[0]
         try:
-            watched = self.episode(tree, at, {}, record)
+            record.watched = self.episode(tree, at, {}, record)
             for at in seeds:
-                outcomes.append(self.episode(tree, at))
+                record.plain.append(self.episode(tree, at))
         except (Exception, SystemExit) as error:  # a simulator may call sys.exit
             key = type(error).__name__, raised_in(error) or fault_text(error)
             line = f"{fault_text(error)} (world seed {at}, tree {tree_line(tree)})"
@@ -94,8 +83,8 @@ class Survey:
             if isinstance(error, TimeLimitError):
                 raise
             return None
-        self.runs.append(TreeRun(tree, seeds, watched, tuple(outcomes), record))
-        return self.runs[-1]
+        self.runs.append(record)
+        return record
 
 
 def fault_text(error: BaseException) -> str:
@@ -114,9 +103,9 @@ def tree_line(tree: Node, most: int = 200) -> str:
 
 def unreached(survey: Survey) -> Iterator[str]:
     """A line for what no tree has reached, by kind."""
-    schema, records = survey.domain.schema, [run.record for run in survey.runs]
+    schema, records = survey.domain.schema, survey.runs
     actions, keys = schema.vocabulary.actions, schema.vocabulary.keys
-    outcomes = [outcome for run in survey.runs for outcome in run.plain]
+    outcomes = [outcome for record in records for outcome in record.plain]
     counted = {n for n in schema.counters if any(o.counters.get(n) for o in outcomes)}
     seen = counted.union(*(record.events | record.credited.keys() for record in records))
     paid: Any = getattr(getattr(survey.domain, "rewards", None), "events", {})
@@ -140,9 +129,13 @@ def unreached(survey: Survey) -> Iterator[str]:
 
 
 class Record(Observer):
-    """Summary of an observed episode, with the first fault by promise."""
+    """A tree's episodes, with a summary of the observed one and the first fault by promise."""
 
-    def __init__(self, tree: Node, schema: Schema) -> None:
+    watched: Outcome  # in the first world
+
+    def __init__(self, tree: Node, schema: Schema, seeds: Sequence[int]) -> None:
+        self.tree, self.seeds = tree, seeds  # of its worlds
+        self.plain: list[Outcome] = []  # not watched, in each world
         self.statuses: set[tuple[str, int]] = set()  # action and status at the end of a tick
         self.states: set[Hashable] = set()  # values of all flags together
         self.ticks = 0
