@@ -71,9 +71,10 @@ def episode_of(world: IslandWorld, seed: int) -> Callable[[], object]:
 def _bare(world: IslandWorld, seed: int, steps: int) -> Callable[[], object]:
     """The same space with everybody in motion, and nobody who looks."""
     physics = build_space(world, draw_schedule(world, seed))
-    for shape in physics.robot.shapes:
+    robot = physics.bodies[0]
+    for shape in robot.shapes:
         shape.elasticity = 1.0
-    physics.robot.velocity = (0.6 * world.robot.speed, 0.8 * world.robot.speed)
+    robot.velocity = (0.6 * world.robot.speed, 0.8 * world.robot.speed)
     step, dt = physics.space.step, world.episode.step
 
     def run() -> None:

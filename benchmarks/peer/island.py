@@ -31,7 +31,7 @@ class Island:
         self.world = world
         self.schedule = draw_schedule(world, seed)
         self.physics = build_space(world, self.schedule)
-        self.robot, self.people = self.physics.robot, self.physics.humanoids
+        self.robot, *self.people = self.physics.bodies
         self.event_log = IslandEventLog(award)
         self.garbage = [
             Item(x, y)

@@ -69,15 +69,18 @@ class Space:
     """A space with the bodies of one episode."""
 
     space: pymunk.Space  # to which the robot was added first, then the humanoids in their order
-    robot: pymunk.Body
-    humanoids: tuple[pymunk.Body, ...]
+    movers: tuple[tuple[pymunk.Body, pymunk.Shape], ...]
     contacts: Contacts
+
+    @property
+    def bodies(self) -> list[pymunk.Body]:
+        """The bodies of the robot and of the humanoids."""
+        return [body for body, _ in self.movers]
 
     def reset(self, starts: Iterable[tuple[float, float, float, float]]) -> None:
         """Resets the space to step 0: x, y, vx and vy of the robot and of each humanoid."""
-        movers = [(body, next(iter(body.shapes))) for body in (self.robot, *self.humanoids)]
-        self.space.remove(*(thing for mover in movers for thing in mover))
-        for (body, shape), (x, y, vx, vy) in zip(movers, starts, strict=True):
+        self.space.remove(*(thing for mover in self.movers for thing in mover))
+        for (body, shape), (x, y, vx, vy) in zip(self.movers, starts, strict=True):
             body.update_position(body, 0)  # a remaining overlap no longer moves it
             body.position, body.velocity = (x, y), (vx, vy)
             self.space.add(body, shape)
@@ -116,7 +119,7 @@ def build_space(world: IslandWorld, schedule: Schedule) -> Space:
     hull.collision_type = CollisionType.ROBOT
     space.add(robot, hull)
 
-    humanoids = []
+    movers: list[tuple[pymunk.Body, pymunk.Shape]] = [(robot, hull)]
     for i, start in enumerate(schedule.humanoids):
         body = pymunk.Body(HUMANOID_MASS, float("inf"))
         body.position = (float(start["x"]), float(start["y"]))
@@ -127,9 +130,9 @@ def build_space(world: IslandWorld, schedule: Schedule) -> Space:
         shape.filter = pymunk.ShapeFilter(group=HUMANOID_GROUP)
         space.add(body, shape)
         contacts.index[shape] = i
-        humanoids.append(body)
+        movers.append((body, shape))
     for kind in (CollisionType.HUMANOID, CollisionType.STATIC):
         space.on_collision(
             CollisionType.ROBOT, kind, begin=contacts.begin, separate=contacts.separate
         )
-    return Space(space, robot, tuple(humanoids), contacts)
+    return Space(space, tuple(movers), contacts)

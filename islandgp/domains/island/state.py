@@ -75,7 +75,8 @@ class State:
         self.record: Table = record.copy()
         self._numbers = self.record.view(np.int64).data
         self.garbage, self.people = self.schedule.garbage.copy(), starts.copy()
-        self.people["body"] = [address(body) for body in self.physics.humanoids]
+        robot, *humanoids = map(address, self.physics.bodies)
+        self.people["body"] = humanoids
         self._events = np.zeros(len(starts) + 16, EVENT)
         board = np.zeros(len(VOCABULARY.keys))
         self.board: Any = board.data
@@ -97,7 +98,7 @@ class State:
         self._set_tables(tables)
         for name, value in {
             "space": address(self.physics.space),
-            "body": address(self.physics.robot),
+            "body": robot,
             "columns": self.schedule.columns,
             "first_item": self.schedule.initial,
             "room": world.garbage.most - self.schedule.initial,
