@@ -140,14 +140,15 @@ def nodes(
     timed: bool = True,
     reactive: bool = True,
     nav2: bool = True,
+    if_else: bool = True,
     pairs: bool = False,
     always: bool = True,
 ) -> st.SearchStrategy[Node]:
     """Valid trees of at most about `max_leaves` leaves, with every kind of node.
 
     Optional kinds: `timed`, nodes that count seconds; `reactive`, reactive composites; `nav2`,
-    Nav2's nodes and others without an exact export; `pairs`, guards that compare two keys;
-    `always`, leaves that always end in the same way.
+    Nav2's nodes and others without an exact export; `if_else`; `pairs`, guards that compare two
+    keys; `always`, leaves that always end in the same way.
     """
     guard = when_args(numbers() if thresholds is None else thresholds, pairs=pairs)
     policy = st.sampled_from([*POLICIES]) | st.integers(1, 3)
@@ -172,7 +173,7 @@ def nodes(
         return st.one_of(
             *[clocks] * timed,
             *[recovery] * nav2,
-            st.builds(Node, st.just("if_else"), st.just(()), branching),
+            *[st.builds(Node, st.just("if_else"), st.just(()), branching)] * if_else,
             st.builds(Node, composite, st.just(()), several),
             st.builds(Node, st.just("when"), guard, one),
             st.builds(Node, st.just("parallel"), st.builds(ParallelArgs, policy, policy), several),

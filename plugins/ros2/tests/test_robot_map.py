@@ -195,10 +195,10 @@ def test_python_functions(keys: RosKeys, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("tree", SHAPES)
 def test_leaves_of_navs_trees(keys: RosKeys, tree: str) -> None:
-    """The map and the functions have each leaf of the trees that README.md names."""
+    """The map and the functions have each leaf of the trees that the table of times names."""
     folder = Path(__file__).parents[1] / "nav2"
     known = {*read_map(folder / "robot.yaml").actions, *functions(folder / "leaves.py", keys)}
     xml = file_of(SHAPES[tree])
     actions = {*declared(xml, xml, name="model.xml").actions}
-    page = (folder.parent / "README.md").read_text(encoding="utf-8")
+    page = Path(__file__).with_name("README.md").read_text(encoding="utf-8")
     assert (actions <= known) or f"`{tree}`:" not in page

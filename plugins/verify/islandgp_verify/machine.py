@@ -69,7 +69,6 @@ class TickTarget(NamedTuple):
     """A node that a tick should reach."""
 
     place: int
-    stays_running: bool  # True: it is RUNNING after the tick; False: it is ticked
     branches: Mapping[int, int]  # by the place of each node above it: the child that leads there
 
 
@@ -115,7 +114,7 @@ class Machine:
         """The outcomes of a node that starts."""
         self._resumed = cache(self._outcomes)
         self._from = cache(self._fresh_branches)
-        self._ways: dict[tuple[int, int, bool], list[Outcomes]] = {}
+        self._ways: dict[tuple[int, int], list[Outcomes]] = {}
         self._cache_size = 0  # approximate number of outcomes in `_ways`
         self.target = cache(self._target)
 
@@ -141,14 +140,14 @@ class Machine:
                 if args and args.interrupts:
                     yield branch, guard
 
-    def _target(self, place: int, *, stays_running: bool) -> TickTarget:
+    def _target(self, place: int) -> TickTarget:
         """The target for a node."""
         branches: dict[int, int] = {}
         child = place
         while (above := self.above[child]) >= 0:
             branches[above] = self.children[above].index(child)
             child = above
-        return TickTarget(place, stays_running, branches)
+        return TickTarget(place, branches)
 
     def spend(self, steps: int = 1) -> None:
         """Subtract steps from `steps_left`. Raises SpentError if there are too few."""
@@ -283,8 +282,7 @@ class Machine:
         if isinstance(memory, int):  # a parallel's child that has ended
             return _NONE
         if place == target.place:
-            outcomes = self.now(place, memory)
-            return (NO_BOARD, NO_BOARD, outcomes[RUNNING]) if target.stays_running else outcomes
+            return self.now(place, memory)
         node, branch = self.nodes[place], target.branches[place]
         child = self.children[place][branch]
         kind = kind_of(node)
@@ -309,7 +307,7 @@ class Machine:
 
     def outcomes_from(self, place: int, at: int, target: TickTarget) -> Outcomes:
         """Outcomes of a selector or sequence whose child of index `at` starts now."""
-        key = (place, target.place, target.stays_running)
+        key = (place, target.place)
         if key not in self._ways:
             advance, branch = advance_status(self.nodes[place]), target.branches[place]
             *before, last = self.children[place][: branch + 1]
@@ -318,17 +316,15 @@ class Machine:
             if self._cache_size > MAX_CACHED:
                 self._cache_size = 0
                 self._ways.clear()
-            outcomes = [
-                self._behind(place, branch, self.outcomes_reaching(last, None, target), target)
-            ]
+            outcomes = [self._behind(place, branch, self.outcomes_reaching(last, None, target))]
             for child in reversed(before):
                 outcomes.append(self._and(self.fresh(child)[advance], outcomes[-1]))
             self._ways[key] = outcomes[::-1]
         return self._ways[key][at]
 
-    def _behind(self, place: int, branch: int, first: Outcomes, target: TickTarget) -> Outcomes:
+    def _behind(self, place: int, branch: int, first: Outcomes) -> Outcomes:
         """The outcomes of a composite whose branch reaches the target with the outcomes `first`."""
-        if target.stays_running or branch == len(self.children[place]) - 1:
+        if branch == len(self.children[place]) - 1:
             return first
         return self._go_on(place, first, self.fresh_from(place, branch + 1))
 
@@ -342,7 +338,7 @@ class Machine:
                 reached = self.outcomes_from(place, at, target)
             elif at == target_branch:
                 first = self.outcomes_reaching(child, memory.memory, target)
-                reached = self._behind(place, at, first, target)
+                reached = self._behind(place, at, first)
             else:
                 ends = self.now(child, memory.memory)[advance_status(self.nodes[place])]
                 reached = self._and(ends, self.outcomes_from(place, at + 1, target))
@@ -360,7 +356,6 @@ class Machine:
         child_outcomes = self._of_children(place, memories)
         child_outcomes[branch] = reached
         # Where the branch has no outcome, those of the others are irrelevant.
-        outcomes = self._and(
+        return self._and(
             self.sets.either(*reached), parallel_outcomes(self.sets, args, child_outcomes)
         )
-        return (NO_BOARD, NO_BOARD, outcomes[RUNNING]) if target.stays_running else outcomes

@@ -89,11 +89,8 @@ class _Tick:
 
     def moves(self, place: int, memory: Memory | None, goal: Goal) -> Iterator[Transition]:
         """The moves of a node with a memory; None: it starts."""
-        if (target := goal.target) is not None:
-            if target.stays_running:  # then its ancestors are RUNNING, too
-                goal = Goal([status for status in goal.statuses if status == RUNNING], target)
-            if place == target.place:
-                goal = Goal(goal.statuses)
+        if goal.target is not None and place == goal.target.place:
+            goal = Goal(goal.statuses)
         node = self._machine.nodes[place]
         kind = kind_of(node)
         if not node.children:

@@ -214,7 +214,7 @@ def _explored(
             origin = origins[memory]
             near = () if origin is None else origin.board
             for place in places:
-                target = machine.target(place, stays_running=False)
+                target = machine.target(place)
                 boards = machine.sets.both(machine.reach(memory, target), forbidden)
                 if (board := machine.sets.pick(boards, near)) is None:
                     continue

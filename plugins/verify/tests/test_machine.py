@@ -17,11 +17,8 @@ from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp_verify.boards import NO_BOARD, BoardSets
 from islandgp_verify.invariants import boards_of_nodes
 from islandgp_verify.machine import (
-    ActionMemory,
-    BranchMemory,
     Machine,
     Memory,
-    RepeaterMemory,
     SpentError,
 )
 from islandgp_verify.moves import moves
@@ -90,7 +87,7 @@ def compare(tree: Node) -> tuple[int, int]:
 
 
 @examples(max_examples=80, deadline=None)
-@given(nodes(few_numbers(), always=False, max_leaves=5, max_repeats=2, nav2=False))
+@given(nodes(few_numbers(), always=False, max_leaves=5, max_repeats=2, nav2=False, if_else=False))
 def test_all_ticks_are_those_of_the_engine(tree: Node) -> None:
     """In all sequences of ticks actions meet the same blackboards; no proof excludes one."""
     compare(tree)
@@ -98,33 +95,24 @@ def test_all_ticks_are_those_of_the_engine(tree: Node) -> None:
 
 @pytest.mark.slow
 @settings(max_examples=4_000, deadline=None)
-@given(nodes(few_numbers(), always=False, max_leaves=7, max_repeats=3, nav2=False))
+@given(nodes(few_numbers(), always=False, max_leaves=7, max_repeats=3, nav2=False, if_else=False))
 def test_all_ticks_of_many_trees_are_those_of_the_engine(tree: Node) -> None:
     """The same for more and larger trees."""
     compare(tree)
 
 
-def running(machine: Machine, place: int, memory: Memory | int | None) -> set[int]:
-    """The actions below a node that are running."""
-    children = machine.children[place]
-    if memory is None or isinstance(memory, int):
-        return set()
-    if isinstance(memory, ActionMemory):
-        while machine.children[place]:  # guards and inverters have the memory of their child
-            (place,) = machine.children[place]
-        return {place}
-    if machine.nodes[place].kind in ("when", "inverter"):
-        return running(machine, children[0], memory)
-    if isinstance(memory, RepeaterMemory):
-        return running(machine, children[0], memory.memory)
-    if isinstance(memory, BranchMemory):
-        return running(machine, children[memory.branch], memory.memory)
-    parts = zip(children, memory.memories, strict=True)
-    return {each for child, its in parts for each in running(machine, child, its)}
-
-
 @examples(max_examples=40, deadline=None)
-@given(nodes(few_numbers(), always=False, max_leaves=5, max_repeats=2, timed=False, nav2=False))
+@given(
+    nodes(
+        few_numbers(),
+        always=False,
+        max_leaves=5,
+        max_repeats=2,
+        timed=False,
+        nav2=False,
+        if_else=False,
+    )
+)
 def test_ticks_that_reach_an_action(tree: Node) -> None:
     """`reach` gives the blackboards of such ticks, and `moves` finds these ticks.
 
@@ -136,19 +124,11 @@ def test_ticks_that_reach_an_action(tree: Node) -> None:
     for memory, board in product(islice(states(machine, boards), 8), boards):
         every = list(moves(machine, memory, board))
         for place in machine.statuses:
-            for target, expected in (
-                (
-                    machine.target(place, stays_running=False),
-                    [m for m in every if place in dict(m.calls)],
-                ),
-                (
-                    machine.target(place, stays_running=True),
-                    [m for m in every if place in running(machine, 0, m.memory)],
-                ),
-            ):
-                reaching = list(moves(machine, memory, board, target))
-                assert {move.calls for move in reaching} == {move.calls for move in expected}
-                assert machine.sets.has(machine.reach(memory, target), board) == bool(expected)
+            target = machine.target(place)
+            expected = [move for move in every if place in dict(move.calls)]
+            reaching = list(moves(machine, memory, board, target))
+            assert {move.calls for move in reaching} == {move.calls for move in expected}
+            assert machine.sets.has(machine.reach(memory, target), board) == bool(expected)
 
 
 def never_on(text: str, action: str, condition: str) -> bool:

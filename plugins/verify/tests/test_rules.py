@@ -74,6 +74,7 @@ SMALL = nodes(
     timed=False,
     reactive=False,
     nav2=False,
+    if_else=False,
 )
 ACTIONS = st.sampled_from(list(VOCABULARY.actions))
 
@@ -117,6 +118,7 @@ def test_proofs_of_timed_and_reactive_trees(tree: Node, action: str, expr: Condi
         timed=False,
         reactive=False,
         nav2=False,
+        if_else=False,
     ),
     ACTIONS,
     conditions(few_numbers()),
