@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 
 from islandgp.bt.core.language import parse, to_text
-from islandgp.bt.core.node import SUCCESS, Node, depth, size, walk
+from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, depth, size, walk
 from islandgp.config.settings import Settings
 from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.evaluation.base import Problem
@@ -123,6 +123,7 @@ def _claims(run: Settings, has: RunContext, part: str, system: str, user: str) -
             re.search(rf"\b{name}\b", system.partition("How to read")[2]) for name in fields
         ),
         "no tree twice": max(Counter(_trees(user, has)).values(), default=0) <= 1,
+        "no report in edits": part != "edits" or "the report" not in text,
         "nothing open": "{{" not in text and "None" not in words,
     }  # fmt: skip
 
@@ -150,7 +151,7 @@ def test_prompts_of_the_island_are_short() -> None:
     """Meanings of fields and the language without the vocabulary: half of what they were."""
     system = asked("island, racing")[2]["tree"][0]
     fields = system.partition("## How to read the report")[2].partition("## Answer")[0]
-    language = system.partition("## The language")[2].partition("Actions; two")[0]
+    language = system.partition("## The language")[2].partition("\n\nActions")[0]
     assert len(fields) + len(language) < (4545 + 4382) / 2
 
 
@@ -184,6 +185,27 @@ def test_traces_count_instant_actions() -> None:
     )
     denied = [line for line in lines if "never" in line]
     assert not any(name in line for name in count.counts for line in denied)
+
+
+def test_an_action_that_ends_the_episode_is_not_denied() -> None:
+    """It runs in the last tick, so its success is not seen; the trace says that it was running."""
+    domain = compose("domain=cartpole", "tracking=off").domain
+    vocabulary = domain.schema.vocabulary
+
+    class Ends:
+        """The domain, with an episode that ends while an action runs that failed before."""
+
+        schema, step_s = domain.schema, domain.step_s
+
+        def run_episode(self, *arguments: Any) -> None:
+            log = arguments[-1]
+            for status in (FAILURE, RUNNING):
+                log.node(0, status)
+                log.tick([0.0] * len(vocabulary.keys), None)
+
+    _, lines = describe_episode(Ends(), parse("PushLeft", vocabulary), 0, {})  # type: ignore[arg-type]
+    assert "- running at the end, without a success before: PushLeft" in lines
+    assert not any("never" in line for line in lines)
 
 
 def test_shipped_trees_are_within_the_limits() -> None:

@@ -272,11 +272,16 @@ def _ends(log: EpisodeLog) -> Iterator[str]:
     names = dict.fromkeys(filter(None, log.actions))
     ran = {name for names in log.active for name in names}
     succeeded = [f"{name} {log.succeeded[name]}x" for name in names if log.succeeded[name]]
-    failed = [f"{n} {log.failed[n]}x" for n in names if log.failed[n] and not log.succeeded[n]]
+    never = [n for n in names if not log.succeeded[n]]
+    running = [n for n in never if log.active and n in log.active[-1]]
+    failed = [f"{n} {log.failed[n]}x" for n in never if log.failed[n] and n not in running]
     unused = [name for name in names if name not in ran and not log.failed[name]]
     for what, parts in (
-        ("succeeded", succeeded), ("failed and never succeeded", failed), ("never started", unused)
-    ):  # fmt: skip
+        ("succeeded", succeeded),
+        ("running at the end, without a success before", running),
+        ("failed and never succeeded", failed),
+        ("never started", unused),
+    ):
         if parts:
             yield f"- {what}: {', '.join(parts)}"
 
@@ -323,13 +328,13 @@ class EpisodeTexts:
         place = 0 if gp.shared_seed else view.individuals.index(i) * gp.episodes
         return self.context.domain_in(view.snapshot.generation), view.worlds[place]
 
-    def described(self, i: IndividualRecord) -> tuple[Outcome, list[str]]:
-        """The outcome of an individual's episode, and its world and course in lines."""
+    def described(self, i: IndividualRecord) -> tuple[Outcome, str, list[str]]:
+        """The outcome of an individual's episode, its world in words, and its course in lines."""
         domain, seed = self._world(i)
         tree = parse(i.tree, self.context.schema.vocabulary)
         outcome, lines = describe_episode(domain, tree, seed, self.view.multipliers)
         self.number += 1
-        return outcome, [*filter(None, (about(domain, seed), *lines))]
+        return outcome, about(domain, seed), lines
 
     def explained(self, i: IndividualRecord) -> str:
         """An individual's tree with what each branch did and is worth."""

@@ -249,7 +249,7 @@ class LLM:
 
     def spent(self) -> dict[str, float]:
         """See `SupervisorLifecycle`."""
-        return {} if self.calls.transcript.start is None else self.calls.ledger.totals()
+        return self.calls.ledger.totals() if self.calls.transcript.of_kind(object) else {}
 
     def close(self) -> None:
         """See `SupervisorLifecycle`."""
