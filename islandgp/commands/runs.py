@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 import shutil
 import sys
 import webbrowser
@@ -211,7 +212,7 @@ def transcript_command(run: Path, generation: int | None) -> None:
     if not texts:
         raise SupervisionError(
             f"Expected questions to a model in {path} that fit the options, found none;"
-            " `islandgp transcript RUN` without options shows all."
+            f" `islandgp transcript {shlex.quote(str(run))}` shows all."
         )
     attempts = transcript.attempts
     usd = sum(a.usd or 0 for a in attempts)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -128,10 +129,12 @@ def test_what_is_no_transcript_is_one_line(
 
 
 def test_options_that_fit_no_question(islandgp: Cli, run: Path) -> None:
-    """One line."""
+    """One line with a command that works."""
     result = islandgp("transcript", run, "--generation", 9)
     assert (result.code, result.out) == (2, "")
     assert "that fit the options, found none;" in result.err
+    (printed,) = re.findall(r"`islandgp (.+)` shows all", result.err)
+    assert " attempts, " in islandgp(*shlex.split(printed)).out
 
 
 LINES = re.findall(
