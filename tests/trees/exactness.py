@@ -241,6 +241,25 @@ def writing(number: int) -> Iterator[Case]:
         yield case._replace(tree=visit(case.tree))
 
 
+def counted_by_keys(number: int) -> Iterator[Case]:
+    """Random trees in which counts and seconds are keys."""
+    rng, counted = Random("counts"), ("repeater", "retry", "wait", "timeout")
+
+    def visit(node: Node) -> Node:
+        args = node.args
+        if isinstance(args, CountArgs):
+            args = CountArgs("lap")
+        elif isinstance(args, SecondsArgs):
+            args = SecondsArgs("batteryLevel")
+        return Node(node.kind, args, tuple(map(visit, node.children)))
+
+    while number:
+        tree = visit(random_tree(rng, rng.randint(2, 5), [*SHARED, *counted * 3]))
+        if any(node.kind in counted for node in walk(tree)):
+            yield Case(named(tree), random_boards(rng), random_results(rng))
+            number -= 1
+
+
 def nav2_cases(kind: str, number: int) -> Iterator[Case]:
     """Random trees with nodes of a kind of Nav2.
 
@@ -402,8 +421,9 @@ def groups() -> Iterator[tuple[str, Iterable[Case]]]:
     )
     yield "random trees that compare two keys", comparing_keys(300)
     yield "random trees that write keys", writing(4000)
+    yield "random trees with keys as counts and seconds", counted_by_keys(2400)
     for kind in (kind for kind in INNER if kind not in NAV2):
-        yield f"random trees with `{kind}`", cases_with(kind, 50)
+        yield f"random trees with `{kind}`", cases_with(kind, 1600 if kind == "if_else" else 50)
     for kind in (kind for kind in INNER if kind in NAV2):
         number = 400 if kind == "every" else 100  # its cases are short
         yield f"random trees with `{kind}`, models of Nav2's nodes", nav2_cases(kind, number)

@@ -21,7 +21,7 @@ from typing import Final, NamedTuple
 
 from islandgp.bt.analysis.satisfiability import Conditions, excludes, implies, keys_of
 from islandgp.bt.core.condition import Condition, ConditionExpr, combine, opposite, terms
-from islandgp.bt.core.kinds import advance_status, kind_of
+from islandgp.bt.core.kinds import advance_status, is_opaque, kind_of
 from islandgp.bt.core.node import (
     FAILURE,
     RUNNING,
@@ -86,7 +86,7 @@ def _child_contexts(node: Node, context: NodeContext) -> Iterator[NodeContext]:
         yield context._replace(always=always, at_start=(*context.at_start, *holds))
     elif kind.concurrent:
         yield from [context._replace(when_observed=None)] * len(node.children)
-    elif kind.opaque:
+    elif is_opaque(node):
         observed = context.when_observed if kind.decorates else None
         inside = context._replace(at_start=always, when_observed=observed)
         yield from [inside] * len(node.children)
@@ -240,7 +240,7 @@ def ends_at_once(node: Node, context: NodeContext) -> bool:
     if not node.children:
         return RUNNING not in leaf_statuses(node, context.vocabulary)
     kind = kind_of(node)
-    if kind.opaque or kind.delayed or (kind.counts is not None and count_of(node) > 1):
+    if is_opaque(node) or kind.delayed or (kind.counts is not None and count_of(node) > 1):
         return False
     return all(ends_at_once(child, context) for child in node.children)
 
@@ -255,7 +255,7 @@ def end_facts(node: Node, context: NodeContext, status: int) -> Conditions | Non
     if not node.children:
         return () if status in leaf_statuses(node, context.vocabulary) else None
     kind = kind_of(node)
-    if kind.opaque:
+    if is_opaque(node):
         return ()
     if node.guard:
         return _guard_end(node, node.guard, context, status)

@@ -27,7 +27,7 @@ from islandgp.bt.analysis.context import (
 )
 from islandgp.bt.analysis.satisfiability import shortened, without_decimals
 from islandgp.bt.core.kind import NodeKind
-from islandgp.bt.core.kinds import KINDS, REPEATS, advance_status, kind_of
+from islandgp.bt.core.kinds import KINDS, REPEATS, advance_status, is_opaque, kind_of
 from islandgp.bt.core.node import (
     FAILURE,
     CountArgs,
@@ -48,7 +48,7 @@ def _idle(node: Node, context: NodeContext) -> int | None:
     Such a node calls no action and stops no other node.
     """
     kind = kind_of(node)
-    if not kind.decorates or kind.opaque:
+    if not kind.decorates or is_opaque(node):
         return None
     if node.guard:
         # If the guarded child never starts, its guards are never observed.

@@ -362,6 +362,11 @@ def kind_of(node: Node) -> NodeKind:
     return KINDS[node.kind]
 
 
+def is_opaque(node: Node) -> bool:
+    """True if analyses conclude nothing from a node: by its kind, or as its count is a key."""
+    return kind_of(node).opaque or (isinstance(node.args, CountArgs) and bool(keys_of(node.args)))
+
+
 def advance_status(node: Node) -> int:
     """The status of a child after which a selector or sequence starts the next one."""
     status = kind_of(node).advance_status

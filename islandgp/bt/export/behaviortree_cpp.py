@@ -40,7 +40,7 @@ from islandgp.bt.core.node import (
 from islandgp.bt.core.parameters import Parameter
 from islandgp.bt.core.printer import Named, condition_text, number_text
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Action, Key, Vocabulary
-from islandgp.bt.export.import_cpp import READERS
+from islandgp.bt.export.import_cpp import NO_ELSE, READERS
 from islandgp.bt.export.scripts import NOT_A_NUMBER
 from islandgp.bt.export.tree_writer import HEADER, TreeWriter, own_nodes
 from islandgp.errors import DomainError
@@ -176,6 +176,9 @@ class _XmlWriter(TreeWriter):
             for tag in ("Inverter", "KeepRunningUntilFailure", "Inverter"):
                 inside = _element(tag, {}, inside)
             return inside
+        if node.kind == "if_else" and len(node.children) == 2:
+            # Without a third child the library does not reset the first one after its failure.
+            inside += _element("AlwaysFailure", {"name": NO_ELSE})
         target = self.target(node, observed)
         if isinstance(node.args, GuardArgs) and target is None:
             check = _element("ScriptCondition", {"code": _script(_quoted(node.args.condition))})

@@ -62,6 +62,7 @@ from islandgp.bt.export.xml_reader import Element, read_xml
 
 _BOARD: Final = re.compile(r"\{[A-Za-z_][A-Za-z0-9_]*\}")  # a port that names a blackboard entry
 _NUMBER: Final = re.compile(r"[0-9]{1,9}(\.[0-9]{1,20})?")
+NO_ELSE: Final = "no else"  # name of an AlwaysFailure in place of a third child
 _FLAGS: Final = {"true": "yes", "1": "yes", "false": "no", "0": "no"}
 
 
@@ -133,6 +134,9 @@ def _plain(importer: Importer, element: Element, tag: str) -> Node:
         importer.differs(element, "memory")
     if tag == "RoundRobin" and element.attributes.pop("wrap_around", "") not in TRUE:
         importer.differs(element, "round")
+    if kind == "if_else" and element.children[2:3]:
+        is_none = element.children[2].attributes.get("name") == NO_ELSE
+        element = replace(element, children=element.children[: 2 if is_none else None])
     children = importer.nodes(element, KINDS[kind].children)
     match kind, children:  # exports have no node for these two
         case "until_failure", (Node("always", AlwaysArgs("success")),):

@@ -10,7 +10,7 @@ from __future__ import annotations
 from functools import cache
 from typing import NamedTuple
 
-from islandgp.bt.core.kinds import advance_status, kind_of
+from islandgp.bt.core.kinds import advance_status, is_opaque, kind_of
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, ParallelArgs, count_of
 from islandgp_verify.board_outcomes import Outcomes, parallel_outcomes, repeated, turned
 from islandgp_verify.boards import ANY_BOARD, NO_BOARD, Boards
@@ -66,7 +66,7 @@ class _Finder:
     def inside(self, place: int, node_boards: NodeBoards) -> list[NodeBoards]:
         """The blackboards on which the children of a node can be ticked."""
         node, (starts, resumes) = self._machine.nodes[place], node_boards
-        if kind_of(node).opaque:
+        if is_opaque(node):
             starts = self._sets.either(*node_boards)
             return [NodeBoards(starts, starts)] * len(self._machine.children[place])
         if kind_of(node).reactive:
@@ -172,7 +172,7 @@ class _Finder:
         kind = kind_of(node)
         if not children:
             return machine.fresh(place)
-        if kind.opaque:
+        if is_opaque(node):
             return ANY_BOARD, ANY_BOARD, ANY_BOARD
         if kind.reactive:
             return self._in_turn(place, NodeBoards(ANY_BOARD, ANY_BOARD))[1]

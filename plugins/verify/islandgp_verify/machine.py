@@ -15,7 +15,7 @@ from typing import Final, NamedTuple, TypeAlias
 
 from islandgp.bt.analysis.context import leaf_statuses, root_context
 from islandgp.bt.core.condition import ConditionExpr, opposite
-from islandgp.bt.core.kinds import advance_status, kind_of
+from islandgp.bt.core.kinds import advance_status, is_opaque, kind_of
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, ParallelArgs, count_of
 from islandgp.bt.core.vocabulary import STATUSES, Vocabulary
 from islandgp_verify.board_outcomes import Outcomes, parallel_outcomes, repeated, turned
@@ -207,7 +207,7 @@ class Machine:
             return int(FAILURE in statuses), int(SUCCESS in statuses), int(RUNNING in statuses)
         if node.guard:
             return self.guarded(place, self.now(children[0], memory), fresh=memory is None)
-        if kind.opaque:
+        if is_opaque(node):
             return ANY_BOARD, ANY_BOARD, ANY_BOARD
         if kind.delayed:
             return NO_BOARD, NO_BOARD, ANY_BOARD

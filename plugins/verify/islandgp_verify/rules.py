@@ -26,7 +26,7 @@ from typing import Final, Literal, NamedTuple
 from islandgp.bt.analysis.context import root_context
 from islandgp.bt.core.condition import ConditionExpr, condition, terms
 from islandgp.bt.core.engine import compile_tree
-from islandgp.bt.core.kinds import TIMED, kind_of
+from islandgp.bt.core.kinds import TIMED, is_opaque, kind_of
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import ActionArgs, Node, asked_in, keys_in, leaf, walk
 from islandgp.bt.core.parameters import Parameter, bound
@@ -177,7 +177,7 @@ def check_rule(tree: Node, rule: Rule, vocabulary: Vocabulary, steps: int = STEP
     if written:
         return _unknown(rule, ": if a tree writes keys, only guards are examined")
     for node in machine.nodes:
-        if node.kind in TIMED or kind_of(node).reactive or kind_of(node).opaque:
+        if node.kind in TIMED or kind_of(node).reactive or is_opaque(node):
             return _unknown(rule, f": of a tree with a {node.kind} only the guards are examined")
     machine.steps_left = steps
     return _explored(machine, rule, forbidden, candidates, vocabulary)
