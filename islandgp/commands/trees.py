@@ -253,7 +253,7 @@ def import_command(
             f"{name}: expected BehaviorTree.CPP XML, found another format; a tree in the language"
             " needs no import"
         )
-    vocabulary = vocabulary_of(TreeText(text if options.declaration else "", name, None), options)
+    vocabulary = vocabulary_of(TreeText(text if options.declaration else "", name, folder), options)
     imported = read_tree(text, vocabulary, name=name, tree=identity, folder=folder)
     losses = [
         f"{name}:{line}:{column}: not the same ({about}): there, {DIFFERENCES[about]}"

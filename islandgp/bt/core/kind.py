@@ -107,6 +107,9 @@ class NodeKind:
     ours: Target | None = None
     """Our own node for these libraries, for trees in which theirs differs."""
 
+    instead: str = ""
+    """What is nearest to it in a library without such a node."""
+
     paper: bool = False
     """One of the paper's node types, section 2.2.3; prompts describe these."""
 

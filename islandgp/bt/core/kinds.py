@@ -206,6 +206,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         look=Look("\N{RIGHTWARDS TWO HEADED ARROW}", "bold blue", "#dfe6f7", "#3f5fa8"),
         opaque=True,
         stock=Target("PipelineSequence"),
+        instead="`reactive_sequence`, which ticks no running child before a later one",
     ),
     "random_selector": NodeKind(
         meaning="tries its children in an order that it draws at each start until one succeeds, as"
@@ -224,6 +225,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         look=Look("\N{DOWNWARDS ARROW WITH TIP LEFTWARDS}", "yellow", "#fdf0cf", "#b57a00"),
         opaque=True,
         stock=Target("IfThenElse"),
+        instead="`selector { sequence { test x } y }`, which goes on to y if x fails",
     ),
     "round_robin": NodeKind(
         meaning="tries its children in turn, beginning after the one that succeeded last, as Nav2's"
@@ -234,6 +236,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         opaque=True,
         remembers_end=True,
         stock=Target("RoundRobin", ("wrap_around",)),
+        instead="`selector`, which begins with its first child",
     ),
     "recovery": NodeKind(
         meaning="runs its first child; after a failure the second, then the first again, as Nav2's"
@@ -245,6 +248,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         look=Look("\N{LEFTWARDS ARROW WITH HOOK}", "magenta", "#f7e3f0", "#a23f7e"),
         opaque=True,
         stock=Target("RecoveryNode", ("number_of_retries",)),
+        instead="`retry` above a `selector` of both, the second in a `force_failure`",
     ),
     "until_failure": NodeKind(
         meaning="repeats its child until it fails",
@@ -268,6 +272,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         look=Look("\N{WATCH}", "magenta", "#efe3f5", "#7f4fa3"),
         opaque=True,
         stock=Target("RateController", ("hz",)),
+        instead="`wait` above the child",
     ),
     "when": NodeKind(
         paper=True,

@@ -79,11 +79,14 @@ GATES: Final = {
     "SingleTrigger": "sequence",
     "SpeedController": "sequence",
     "PathLongerOnApproach": "reactive_selector",
+    "ForEach": "recovery",
+    "ForEachUntilSuccess": "inverter",
 }
-"""Decorators of Nav2 that become a leaf and their child, by the composite that holds both.
+"""Decorators of Nav2 and MoveIt Pro that become a leaf and their child, by the node above both.
 
 In a sequence the leaf succeeds when the child is due. In a selector the leaf, a condition, is
-inverted: if it fails, the decorator succeeds without its child.
+inverted: if it fails, the decorator succeeds without its child. In a recovery, which repeats both,
+it is inverted, too: it succeeds as long as there is a next element.
 """
 
 
@@ -227,6 +230,8 @@ class Importer:
             raise self.too_large(element)
         is_action = tag in self.vocabulary.actions
         reader = self.readers.get(tag, self.readers["Action"] if is_action else _unknown)
+        if tag == "Sleep" and is_action and "msec" not in given:  # one of the program
+            reader = self.readers["Action"]
         own = replace(element, attributes=given)
         before = [name for name in PRECONDITIONS if name in given]
         scripts = {name: given.pop(name) for name in (*before, *POSTCONDITIONS) if name in given}

@@ -354,8 +354,12 @@ def _gate(importer: Importer, element: Element, tag: str) -> Node:
         raise ValueError(f"expected the node {tag} in the vocabulary, as a leaf")
     importer.differs(element, "gate")
     leaf = _action(importer, replace(element, children=[]), tag)
-    first = leaf if GATES[tag] == "sequence" else _inverted(leaf)
-    return Node(GATES[tag], (), (first, importer.child(element)))
+    kind, child = GATES[tag], importer.child(element)
+    if kind == "inverter":
+        loop = Node("recovery", CountArgs(COUNTS[1]), (_inverted(leaf), _inverted(child)))
+        return _inverted(loop)
+    args = CountArgs(COUNTS[1]) if kind == "recovery" else ()
+    return Node(kind, args, (leaf if kind == "sequence" else _inverted(leaf), child))
 
 
 def _reader(kind: str) -> Reader:

@@ -78,8 +78,9 @@ class TreeWriter(ABC):
         target = kind.ours if is_ours else kind.stock
         if not node.guard and not (target and self.has(target)):
             raise DomainError(
-                f"Expected a tree without {node.kind}, for which the library has no node; run it in"
-                " Python (load_tree) or by a plug-in such as that of ROS."
+                f"Expected a tree without {node.kind}, for which the library has no node; use"
+                f" {kind.instead or 'other nodes'}, or run it in Python (load_tree) or by a plug-in"
+                " such as that of ROS."
             )
         return target
 
