@@ -138,7 +138,10 @@ def _trees(user: str, has: RunContext) -> list[str]:
     return [to_text(parse(t, has.schema.vocabulary)) for t in _blocks(user) if "..." not in t]
 
 
-@pytest.mark.parametrize("name", SETTINGS)
+@pytest.mark.parametrize(
+    "name",
+    [pytest.param(n, marks=[pytest.mark.slow] if n == "minigrid" else []) for n in SETTINGS],
+)
 def test_prompts_are_true(name: str) -> None:
     """Each sentence that can be checked is as the configuration says."""
     run, has, prompts = asked(name)

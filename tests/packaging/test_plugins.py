@@ -112,13 +112,6 @@ def test_the_page_s_command_and_domain(python: Path, tmp_path: Path) -> None:
     assert "best robot" in call(command, "best", folder, "--workers", "1", cwd=tmp_path)
 
 
-def test_a_sweep_finds_the_domain(python: Path, tmp_path: Path) -> None:
-    """Hydra's launcher composes each job with the same folders."""
-    words = ("domain=heater", "experiment=smoke", "tracking=off", "seed=0", "-m", *SMALL)
-    call(python, "-m", "islandgp", *words, cwd=tmp_path)
-    assert len(list(tmp_path.glob("runs/smoke/*/best.bt"))) == 1
-
-
 def test_a_file_of_the_user_with_the_name_of_the_stranger_s(python: Path, tmp_path: Path) -> None:
     """One message names both files."""
     (tmp_path / "mine/domain").mkdir(parents=True)
