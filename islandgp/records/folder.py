@@ -184,11 +184,13 @@ class RunFolder:
         Files that can be made again may be missing, and further files are allowed. `page`: check
         the run's page as well.
         """
-        damage = manifest.damaged_files(self.path)
-        for name, what in [*damage.items()]:
-            restorable = what == manifest.MISSING and name in manifest.RESTORABLE
-            if what == manifest.ADDED or restorable or (name == files.PAGE and not page):
-                del damage[name]
+        damage = {
+            name: what
+            for name, what in manifest.damaged_files(self.path).items()
+            if what != manifest.ADDED
+            and not (what == manifest.MISSING and name in manifest.RESTORABLE)
+            and (page or name != files.PAGE)
+        }
         manifest.refuse(self.path, damage)
 
     def verified(self) -> str:
