@@ -55,13 +55,9 @@ class Curriculum(BaseModel, frozen=True, extra="forbid"):
 
     def stage(self, generation: int) -> int:
         """Index of the stage of a generation; the last one has no end."""
-        if self.last_only:
-            return len(self.stages) - 1
-        epoch = self.epoch(generation)
-        for i, stage in enumerate(self.stages):
-            if epoch <= stage.epochs[1]:
-                return i
-        return len(self.stages) - 1
+        epoch, last = self.epoch(generation), len(self.stages) - 1
+        begun = (i for i, stage in enumerate(self.stages) if epoch <= stage.epochs[1])
+        return last if self.last_only else next(begun, last)
 
     def multipliers(self, stage: int) -> Mapping[str, float]:
         """The multipliers of the stage with this index, by component.

@@ -29,17 +29,10 @@ def width(expr: ConditionExpr, vocabulary: Vocabulary) -> float:
     key = vocabulary.keys[expr.key]
     if key.words:
         return 1 / len(key.words) if expr.operator == "==" else 1 - 1 / len(key.words)
-    share_below = min(1.0, max(0.0, (expr.number - key.low) / (key.high - key.low)))
-    share_equal = min(1.0, key.step / (key.high - key.low))
-    match expr.operator:
-        case "<" | "<=":
-            return share_below
-        case ">" | ">=":
-            return 1 - share_below
-        case "==":
-            return share_equal
-        case _:  # !=
-            return 1 - share_equal
+    below = min(1.0, max(0.0, (expr.number - key.low) / (key.high - key.low)))
+    equal = min(1.0, key.step / (key.high - key.low))
+    shares = {"<": below, ">": 1 - below, "=": equal, "!": 1 - equal}
+    return shares[expr.operator[0]]
 
 
 def guard_width(branch: Node, vocabulary: Vocabulary) -> float:

@@ -32,7 +32,6 @@ from islandgp.gp.random_trees import TreeSettings, TreeSpace, random_tree
 from islandgp.resources import resource
 from islandgp.supervision.library import library_folder
 from islandgp.testing.episodes import (
-    SEEDS,
     Promise,
     Record,
     Survey,
@@ -83,7 +82,6 @@ def check_domain(
     trees: Iterable[str | Node] = (),
     random_trees: int = 20,
     grown_trees: int = 60,
-    more_episodes: int = 30,
     timeout: float = 30.0,
 ) -> Check:
     """Runs trees in a domain and checks the promises of the interface.
@@ -93,7 +91,6 @@ def check_domain(
         trees: that reach events, as texts or nodes; they run besides each action and random trees.
         random_trees: number of random trees, >= 0.
         grown_trees: sequences of actions, extended while they reach something new, at most.
-        more_episodes: of `trees` in further worlds until everything is reached, at most.
         timeout: of an episode in seconds; 0: none.
 
     Returns:
@@ -101,7 +98,7 @@ def check_domain(
     """
     try:
         survey = Survey(make(), timeout)
-        _run_trees(survey, trees, random_trees, grown_trees, more_episodes)
+        _run_trees(survey, trees, random_trees, grown_trees)
     except (Exception, SystemExit) as error:  # any exception of a domain is a fault
         return Check({str(Promise.RUNS): fault_text(error)}, None)
     found: dict[str, str] = {}
@@ -151,9 +148,7 @@ def known_trees(domain: Domain, library: str | None, default: str) -> tuple[list
     return trees, left_out
 
 
-def _run_trees(
-    survey: Survey, trees: Iterable[str | Node], number: int, grown: int, more: int
-) -> None:
+def _run_trees(survey: Survey, trees: Iterable[str | Node], number: int, grown: int) -> None:
     """Runs all trees until one exceeds the time limit, as others would take as long."""
     vocabulary = survey.domain.schema.vocabulary
     own = [parse(tree, vocabulary) if isinstance(tree, str) else tree for tree in trees]
@@ -167,11 +162,6 @@ def _run_trees(
         for tree in (*leaves, *own, *pairs, *drawn):
             survey.run(tree)
         _grow(survey, leaves, grown)
-        running = [run.tree for run in survey.runs if run.tree in own]
-        for n in range(more if running else 0):
-            if not any(unreached(survey)):
-                return
-            survey.run(running[n % len(running)], [SEEDS[1] + 1 + n // len(running)])
     except TimeLimitError:
         pass  # the survey has kept it
 

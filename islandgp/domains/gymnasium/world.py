@@ -140,7 +140,7 @@ class GymnasiumWorld(BaseModel, frozen=True, extra="forbid"):
     frame_every: int = Field(default=1, ge=1, le=1000)  # ticks between two frames
 
     @model_validator(mode="after")
-    def _actions_do_something(self) -> Self:
+    def _names_fit(self) -> Self:
         for name, choice in self.actions.items():
             if choice.do is None and not choice.arguments:
                 raise ValueError(f"actions.{name}: expected do, or arguments, found neither")
@@ -148,10 +148,6 @@ class GymnasiumWorld(BaseModel, frozen=True, extra="forbid"):
                 raise ValueError(
                     f"actions.{name}: expected a list as do beside arguments, found {choice.do}"
                 )
-        return self
-
-    @model_validator(mode="after")
-    def _signals_of_something(self) -> Self:
         known = [*REWARD_EVENTS, *self.observations]
         for name, signal in self.signals.items():
             if name in (*REWARD_EVENTS, "return", "steps"):
