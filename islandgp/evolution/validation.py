@@ -30,7 +30,7 @@ from islandgp.scoring.constraints import (
     merit,
 )
 from islandgp.scoring.explain import NodeUsage
-from islandgp.seeding import Stream, seed_of, stream
+from islandgp.seeding import Stream, seed_of
 from islandgp.statistics import mean_interval
 
 FINALISTS: Final = 3  # candidates of the last round
@@ -91,18 +91,20 @@ def validation_seeds(
     seed: int, used: frozenset[int], n: int, purpose: Stream = Stream.VALIDATION
 ) -> tuple[int, ...]:
     """The first `n` worlds of a run for a purpose, by default validation, that are not used."""
-    draws = (int(stream(seed, purpose, slot=i).integers(2**32)) for i in range(n + len(used)))
-    return tuple(world for world in draws if world not in used)[:n]
+    return tuple(fresh_worlds(seed, used, purpose)(n))
 
 
-def fresh_worlds(seed: int, used: frozenset[int] = frozenset()) -> Callable[[int], list[int]]:
-    """A function that returns that number of new worlds at each call, for shortening a tree.
+def fresh_worlds(
+    seed: int, used: frozenset[int] = frozenset(), purpose: Stream = Stream.PRUNING
+) -> Callable[[int], list[int]]:
+    """A function that returns that number of new worlds at each call.
 
     Args:
         seed: of the run.
         used: worlds that are left out.
+        purpose: of the worlds, by default to shorten a tree.
     """
-    draws = (seed_of(seed, Stream.PRUNING, slot=slot) for slot in count())
+    draws = (seed_of(seed, purpose, slot=slot) for slot in count())
     new = (world for world in draws if world not in used)
     return lambda n: list(islice(new, n))
 

@@ -47,7 +47,6 @@ Constraints: TypeAlias = Mapping[str, Bound]
 """Limits by counter of the domain; {} for none."""
 
 NO_CONSTRAINTS: Final[Constraints] = MappingProxyType({})
-NO_COUNTERS: Final[Mapping[str, float]] = MappingProxyType({})
 
 Merit: TypeAlias = tuple[float, float]
 """Sort key: (minus the violation, fitness); greater is better."""
