@@ -284,4 +284,4 @@ def _kind_rules() -> Iterator[str]:
         yield f"{name}: {' '.join(parts)}"
         words = {word for argument in kind.arguments for word in argument.words}
         yield from (f'{word.upper()}: "{word}"' for word in sorted(words))
-    yield 'assignment: NAME "=" sum'
+    yield 'assignment: NAME "=" (sum | FILE)'

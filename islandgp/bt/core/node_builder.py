@@ -44,7 +44,7 @@ NODE: Final = "an action or a `use`"
 _FITS: Final = {
     NUMBER: ("NUMBER", "NAME"),
     KEY: ("NAME",),
-    OPERAND: ("NUMBER", "NAME"),
+    OPERAND: ("NUMBER", "NAME", "FILE"),
     VALUE: ("NUMBER", "NAME", "FILE"),
     NODE: ("NAME", "NODE"),
 }
@@ -167,12 +167,15 @@ class NodeBuilder:
         words = key.choices if key else ()
         if word.open:
             return 0.0, word.text
-        if word.type == "NAME" and word.text in words:
+        if word.type != "NUMBER" and word.text in words:
             return Named(word.text, words.index(word.text)), ""
+        if word.type == "FILE" and key is None:
+            return 0.0, f'"{word.text}"'
         if not words and (word.type == "NUMBER" or word.text in self.constants):
             return self.number(token), ""
         other = self._keys.get(word.text)
         is_alike = other and key and other.kind == key.kind and word.text != name.text
+        is_alike = is_alike and word.type == "NAME"
         if key is not None and not is_alike:
             raise _messages().wrong_operand(name.text, word, self._keys, self.constants)
         return 0.0, word.text

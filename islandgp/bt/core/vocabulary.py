@@ -37,6 +37,7 @@ from islandgp.bt.core.parameters import (
     Parameter,
     check_range,
     expect,
+    is_text,
     leaf_of,
     listed_words,
     validated,
@@ -72,6 +73,13 @@ def _condition(declared: Any) -> Condition:
     return Condition(key, operator, 0.0 if is_word else float(right), right if is_word else "")
 
 
+def _word(word: str) -> str:
+    is_word = is_name(word) or (not NAME.fullmatch(word) and is_text(word))
+    expect(is_word, "words that are names, or lines of text without double quotes", repr(word))
+    return word
+
+
+Word: TypeAlias = Annotated[str, AfterValidator(_word)]
 Statuses: TypeAlias = Annotated[
     frozenset[Annotated[int, Strict()]],
     BeforeValidator(_statuses),
@@ -143,7 +151,7 @@ class Key:
     most: Number | None = None  # greatest value in any world; None: unbounded
     noise: Number = 0.0  # standard deviation that perturbed worlds add to a number, >= 0
     whole: Flag = False  # True: a whole number, of which thresholds have no decimals
-    words: tuple[Name, ...] = ()  # its values if it is one of some words; else empty
+    words: tuple[Word, ...] = ()  # its values if it is one of some words or texts; else empty
     initial: Number | str | None = None
     """The value that it has until a tree writes it: a number, a word, yes or no. None: it belongs
     to the domain, which writes it before each tick, and no tree writes it."""

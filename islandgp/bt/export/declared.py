@@ -154,7 +154,9 @@ def _keys_in(model: Element, tree: str, name: str, folder: Path | None) -> dict[
             key, beside = match["word"], bool(match["before"] or match["after"])
             compared[key] = compared.get(key, False) or beside
     enumerated = {
-        n: enumeration("", [*texts]) for n, texts in words.items() if all(map(is_name, texts))
+        n: enumeration("", [*texts])
+        for n, texts in words.items()
+        if all(is_name(t) or (not NAME.fullmatch(t) and parameters.is_text(t)) for t in texts)
     }
     no_keys = {"and", "or", "not", "true", "false", "yes", "no"}
     no_keys |= {word for key in enumerated.values() for word in key.words}
@@ -182,9 +184,10 @@ def _scripts(root: Element, name: str = "", folder: Path | None = None) -> Itera
             found = trees.find(identity)
             waiting += [found.element] if found and found.file != name else []
         if each.tag == "SetBlackboard":
-            key, value = (each.attributes.get(n, "").strip("{}") for n in ("output_key", "value"))
-            is_text = NAME.fullmatch(value) and value not in ("true", "false")
-            yield f"{key} := '{value}'" if is_text else f"{key} := {value}"
+            key, value = (each.attributes.get(name, "") for name in ("output_key", "value"))
+            is_plain = re.fullmatch(r"\{\w+\}|-?[0-9.]+|true|false", value)
+            value = value.strip("{}") if is_plain else f"'{value}'"
+            yield f"{key.strip('{}')} := {value}"
         scripts = (each.attributes[a] for a in _SCRIPTS if a in each.attributes)
         yield from (script.replace('"', "'") for script in scripts)
         for port, unit in _AMOUNTS.items():

@@ -57,7 +57,7 @@ from islandgp.bt.export.cpp_importer import (
     notes_of,
     unless,
 )
-from islandgp.bt.export.scripts import read_script
+from islandgp.bt.export.scripts import read_script, unquoted
 from islandgp.bt.export.xml_reader import Element, read_xml
 
 _BOARD: Final = re.compile(r"\{[A-Za-z_][A-Za-z0-9_]*\}")  # a port that names a blackboard entry
@@ -251,8 +251,7 @@ def _when(importer: Importer, element: Element, _: str) -> Node:
     abort = element.attributes.pop("abort", "both")
     if abort not in ABORTS:
         raise ValueError(f"expected abort {', '.join(ABORTS)}, found {shown(abort)}; choose one")
-    # Words of keys have quotes there.
-    text = re.sub(r"'(\w+)'", r"\1", importer.script(element, "condition"))
+    text = unquoted(importer.script(element, "condition"))
     expr = read_script(lambda: parse_condition(text, importer.vocabulary), text)
     return guarded(expr, importer.child(element), abort)
 

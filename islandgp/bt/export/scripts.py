@@ -20,7 +20,7 @@ from islandgp.bt.core.condition import (
 from islandgp.bt.core.language import parse, parse_condition
 from islandgp.bt.core.node import SetArgs
 from islandgp.bt.core.source import shown
-from islandgp.bt.core.vocabulary import Vocabulary
+from islandgp.bt.core.vocabulary import NAME, Vocabulary
 from islandgp.errors import TreeError
 
 T = TypeVar("T")
@@ -30,6 +30,8 @@ NOT_A_NUMBER: Final = ("<", "<=", ">", ">=")
 _ASSIGNMENT: Final = re.compile(r"\s*([A-Za-z_]\w*)\s*(:=|[-+*/]?=)(?!=)(.*)", re.DOTALL)
 _PLACE: Final = re.compile(r"^.*?:\d+:\d+: ")
 _TOKEN: Final = re.compile(r"'[^']*'|[A-Za-z_]\w*|[0-9.]+|&&|\|\||[<>=!]=|\S")
+_STATEMENT: Final = re.compile(r"(?:'[^']*'|[^;'])+")
+_QUOTED: Final = re.compile(r"'([^']*)'")
 _WORDS: Final = {"&&": "and", "||": "or", "!": "not"}
 _OPEN: Final = re.compile(r"^$|\b(and|or|not)$|[-+*/<>=]$")
 _FLAG: Final = re.compile(r"([A-Za-z_]\w*) (==|!=) (true|false|[01])(?![\w.]| [-+*/])")
@@ -54,7 +56,8 @@ def read_condition(code: str, vocabulary: Vocabulary) -> ConditionExpr:
         before, number, sign, name = match.groups()
         return f"{before}{name} {MIRRORED[sign]} {number}"
 
-    text = _TURNED.sub(turned, _FLAG.sub(flag, _tokens(code))).replace("'", "")
+    text = _TURNED.sub(turned, _FLAG.sub(flag, _tokens(code)))
+    text = unquoted(text)
     return _with_numbers(read_script(lambda: parse_condition(text, vocabulary), code))
 
 
@@ -65,7 +68,7 @@ def read_assignments(code: str, vocabulary: Vocabulary) -> list[Condition]:
         ValueError: the script has another statement, or writes a key that trees do not write.
     """
     assigned: list[Condition] = []
-    for statement in filter(str.strip, code.split(";")):
+    for statement in filter(str.strip, _STATEMENT.findall(code)):
         match = _ASSIGNMENT.fullmatch(statement)
         if match is None:
             raise ValueError(f"expected key := value, found {shown(statement.strip())}")
@@ -74,7 +77,7 @@ def read_assignments(code: str, vocabulary: Vocabulary) -> list[Condition]:
         flags = {"true": "yes", "false": "no"}
         if name in vocabulary.keys and vocabulary.keys[name].flag:
             flags |= {"1": "yes", "0": "no"}
-        value = flags.get(value, value).replace("'", "")
+        value = unquoted(flags.get(value, value))
         text = f"set {name} = {value}"
         args = read_script(lambda text=text: parse(text, vocabulary), statement).args  # type: ignore[misc]
         assert isinstance(args, SetArgs)
@@ -92,6 +95,11 @@ def read_script(read: Callable[[], T], code: str) -> T:
         first, _, _, *hints = str(error).splitlines()  # without the line and its caret
         message = "; ".join([_PLACE.sub("", first), *hints])
         raise ValueError(f"{message}, in {shown(code.strip())}") from None
+
+
+def unquoted(text: str) -> str:
+    """A text with words of keys as trees have them: names without quotes, texts in double ones."""
+    return _QUOTED.sub(lambda m: m[1] if NAME.fullmatch(m[1]) else f'"{m[1]}"', text)
 
 
 def _with_numbers(expr: ConditionExpr) -> ConditionExpr:
@@ -121,6 +129,6 @@ def _tokens(code: str) -> str:
         else:
             here.append(_WORDS.get(token, token))
     text = " ".join(levels[0])
-    if len(levels) > 1 or _OPEN.search(text) or not {*text}.isdisjoint('{}#"'):
+    if len(levels) > 1 or _OPEN.search(text) or not {*_QUOTED.sub("", text)}.isdisjoint('{}#"'):
         raise ValueError(f"expected a condition such as level < 25 && !found, found {shown(code)}")
     return text

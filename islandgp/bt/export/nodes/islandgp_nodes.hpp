@@ -241,6 +241,10 @@ private:
     {
       return "";
     }
+    if(text_[at_] == '\'')
+    {
+      return text_.substr(at_, std::min(text_.find('\'', at_ + 1), text_.size() - 1) + 1 - at_);
+    }
     static const std::string operators = "<>=!";
     static const std::string signs = "()+-*/";
     const auto kind = [](char c) {
