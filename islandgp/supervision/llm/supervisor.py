@@ -55,7 +55,7 @@ Expected a key or an address for supervisor=llm, found none. There are five ways
      OpenAI's or another chat-completions API: supervisor.policy.interface=chat as well;
   3. a cloud such as Amazon Bedrock or Google Vertex AI:
      supervisor.policy.client_factory=anthropic:AnthropicBedrock (docs/llm.md, Clouds);
-  4. a small model in this process: supervisor=local (pip install 'islandgp[local]');
+  4. a small model in this process: supervisor=local (docs/llm.md, Quick start);
   5. no model: supervisor=expert works offline and free of charge, and
      supervisor=replay supervisor.policy.transcript=<a run's folder> repeats a recorded run."""
 
