@@ -63,6 +63,7 @@ class Killing(MessagesServer):
 
 
 @pytest.mark.slow
+@pytest.mark.timeout(900)
 @pytest.mark.parametrize(
     ("overrides", "kills"),
     [
