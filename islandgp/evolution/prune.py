@@ -253,13 +253,19 @@ class Shortening:
             for change, form in batch:
                 if not self.affords(0):
                     return None
-                if (outcomes := self._kept_outcomes(form.tree)) is not None:
+                outcomes = self._kept_outcomes(form.tree)
+                if outcomes is not None and self._is_new(form):
                     self.last = outcomes
                     return form
                 if self.standard.is_ruined(self.known[form.tree]):
                     self.ruinous.add(change)
                 rejected.add(change)
         return None
+
+    def _is_new(self, form: ShorterForm) -> bool:
+        """False if simplifying takes the form back to a tree of the front, so that nothing ends."""
+        tree = simplify(form.tree, self.vocabulary).tree
+        return all(tree != each.tree for each in self.front)
 
     def _kept_outcomes(self, tree: Node) -> Sequence[Outcome] | None:
         """The outcomes of a tree in all worlds if it keeps the standard, else None.

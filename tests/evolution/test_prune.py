@@ -190,6 +190,26 @@ def test_what_has_no_effect_goes() -> None:
     )
 
 
+class NeedsGuard(Simulator):
+    """A tree without a guard earns nothing."""
+
+    def outcome(self, tree: Node, world: int) -> Outcome:
+        """See `Simulator`."""
+        guarded = any(node.kind == "when" for node in walk(tree))
+        return super().outcome(tree, world) if guarded else outcome(0)
+
+
+@pytest.mark.timeout(60)
+def test_it_ends_if_simplifying_undoes_a_change() -> None:
+    """`abort lower` below a first child frees nothing: simplified, the tree is as it was before."""
+    text = """selector {
+      sequence { MoveToGarbage when not foundGarbage { PickupGarbage } }
+      SeekCharger
+    }"""
+    points = {"MoveToGarbage": 1.0, "PickupGarbage": 1.0, "SeekCharger": 1.0}
+    assert result_of(text, NeedsGuard(points)).best == tree_of(text)
+
+
 def test_a_behaviour_is_kept_although_it_earns_nothing() -> None:
     """An action whose counter is a behaviour stays; so does what a constraint asks for."""
     text = "sequence { ExecuteCharge PickupGarbage SeekCharger }"
