@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from inspect import isgenerator, signature
+from math import inf
 from typing import Any
 
 from islandgp.bt.core.vocabulary import Key
@@ -50,6 +51,11 @@ def near_hint(name: object, names: Iterable[str]) -> str:
     return f"; perhaps {near[0]} is meant" if near else ""
 
 
+def range_of(key: Key) -> tuple[float, float]:
+    """The least and the greatest value of a key."""
+    return key.low, 1 if key.flag else inf if key.most is None else key.most
+
+
 def must_be_values(keys: Mapping[str, Key], values: Any, sense: object) -> None:
     """Checks the values returned by `sense`.
 
@@ -59,18 +65,21 @@ def must_be_values(keys: Mapping[str, Key], values: Any, sense: object) -> None:
         sense: the function, whose place in the source is named in the message.
 
     Raises:
-        DomainError: the values are not a mapping with a finite number for each key and no others.
+        DomainError: the values are not a mapping with a number in its range for each key and no
+            others.
     """
     if not isinstance(values, Mapping):
         raise fault_of(sense, "a dict of values by key from `sense`", short_repr(values))
     for name, key in keys.items():
         if name not in values:
             raise fault_of(sense, f"a value of the key {name} from `sense`", "none")
-        if not is_number(values[name]) and not is_flag(values[name]):
+        low, high = range_of(key)
+        value = values[name]
+        if not (is_flag(value) or (is_number(value) and low <= value <= high)):
             most = "" if key.most is None else f" and at most {key.most:g}"
             expected = "True or False" if key.flag else f"a number of at least {key.low:g}{most}"
             expected = f"{key.kind if key.words else expected} as the value of the key {name}"
-            raise fault_of(sense, f"{expected} from `sense`", short_repr(values[name]))
+            raise fault_of(sense, f"{expected} from `sense`", short_repr(value))
     for name in values:
         if name not in keys:
             remedy = "declare it among the keys, or leave it out"

@@ -21,6 +21,7 @@ from contextlib import contextmanager
 from copy import copy
 from functools import cache, wraps
 from math import isfinite
+from operator import ge, le
 from threading import local
 from typing import Any, ClassVar, ParamSpec, Protocol, Self, TypeVar
 
@@ -36,6 +37,7 @@ from islandgp.domain.checks import (
     must_last,
     must_take,
     no_ending,
+    range_of,
 )
 from islandgp.domain.contract import Observer, Outcome, Schema, wants_scenes
 from islandgp.domain.rewards import EventLog, RewardTable
@@ -236,6 +238,7 @@ class SimulatorDomain:
         sense = episode.sense
         keys = {n: key for n, key in self.schema.vocabulary.keys.items() if not key.writable}
         enumerated = {name: key for name, key in keys.items() if key.words}
+        lows, mosts = ([range_of(key)[end] for key in keys.values()] for end in range(2))
 
         def read() -> list[float]:
             values = sense()
@@ -243,7 +246,8 @@ class SimulatorDomain:
                 values = {**values, **_indices(values, enumerated)}
             try:
                 board = [values[key] for key in keys]
-                if not isfinite(sum(board)) or len(values) != len(keys):
+                in_range = all(map(le, lows, board)) and all(map(ge, mosts, board))
+                if not (in_range and isfinite(sum(board))) or len(values) != len(keys):
                     must_be_values(keys, values, sense)
             except (KeyError, TypeError, IndexError):
                 must_be_values(keys, values, sense)

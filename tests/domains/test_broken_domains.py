@@ -107,6 +107,9 @@ EPISODES = [
     ('"blocks_left": self.world.blocks - self.placed}', '"blocks_left": "3"}',
      "Expected a number of at least 0 and at most 9 as the value of the key blocks_left from"
      " `sense`, found '3'", "def sense"),
+    ('"blocks_left": self.world.blocks - self.placed}', '"blocks_left": -1}',
+     "Expected a number of at least 0 and at most 9 as the value of the key blocks_left from"
+     " `sense`, found -1", "def sense"),
     ('"blocks_left": self.world.blocks - self.placed}', '"blocks_left": 1, "blocks_lft": 2}',
      "Expected values of the vocabulary's keys from `sense`, found 'blocks_lft' as well; perhaps"
      " blocks_left is meant; declare it among the keys, or leave it out", "def sense"),
@@ -177,8 +180,8 @@ PROMISES = [
     (TUCKS, 'Action("tucks the arm", statuses=frozenset({0}))',
      "actions return the statuses that they declare",
      "Expected Tuck to return FAILURE, found SUCCESS."),
-    ('"blocks_left": self.world.blocks - self.placed}', '"blocks_left": -1}',
-     "keys stay in their ranges", "Expected a whole number as 0 <= blocks_left <= 9, found -1.0"),
+    ('"blocks_left": self.world.blocks - self.placed}', '"blocks_left": 4.5}',
+     "keys stay in their ranges", "Expected a whole number as 0 <= blocks_left <= 9, found 4.5"),
     ('Shape("robot", *TABLES', 'Shape("robo", *TABLES',
      "scenes use the declared styles",
      "Expected a style of the schema, found Shape(style='robo', x=0.0, y=0.0, size=0.4, text='')"),
