@@ -192,6 +192,8 @@ def _insert(
         at = int(rng.integers(len(old.children) + 1))
         return spliced(old, at, 0, grow(rng, space, settings.subtree_depth))
     parent = inner_node(rng, space, 2)
+    if not parent.children:  # a leaf, such as a `set`: the caller tries again
+        return old
     return spliced(parent, int(rng.integers(len(parent.children))), 1, old)
 
 

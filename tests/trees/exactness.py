@@ -110,7 +110,9 @@ def random_condition(rng: Random, terms: int) -> ConditionExpr:
 USUAL: Final = (*["selector", "when"] * 3, "sequence", "parallel", "inverter", "force_success",
                 "force_failure", "repeater", "retry")  # fmt: skip
 """Kinds of random trees with many guards that interrupt."""
-SHARED: Final = tuple(kind for kind in INNER if kind not in {*NAV2, "cooldown", "random_selector"})
+SHARED: Final = tuple(
+    kind for kind in INNER if kind not in {*NAV2, "cooldown", "if_else", "random_selector"}
+)
 """Kinds with an exact form in both libraries."""
 
 

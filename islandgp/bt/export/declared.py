@@ -52,11 +52,12 @@ _NUMBER_KEY: Final = Key("", flag=False, low=-float(MAX_NUMBER), high=float(MAX_
 _IN_AND_OUT: Final = ("input_port", "output_port", "inout_port", "bidirectional_port")
 _SCRIPTS: Final = ("code", "condition", "if", *PRECONDITIONS, *POSTCONDITIONS)
 """Attributes that ask the blackboard, or write to it."""
-_AMOUNTS: Final = {"num_cycles": " times", "num_attempts": " times", "seconds": "", "value_A": ""}
+_AMOUNTS: Final = {"num_cycles": " times", "num_attempts": " times", "seconds": ""}
 """Attributes in which an entry of the blackboard is a number; of some a whole one."""
 _TEXT: Final = re.compile("'[^']*'")
 _WRITTEN: Final = re.compile(r"([A-Za-z_]\w*)\s*(?::=|[-+*/]?=(?!=))")
 _WORDS: Final = re.compile(r"([A-Za-z_]\w*)\s*(?::=|[=!]?=)\s*'([^']*)'")
+_NAME: Final = re.compile(r"'[^']*'|[A-Za-z_]\w*")
 _COUNTED: Final = re.compile(r"(\w+) < 1 times")
 _WORD: Final = re.compile(
     r"(?P<before>[<>=!]=|[-+*/<>])?\s*\b(?P<word>[A-Za-z_]\w*)"
@@ -174,28 +175,46 @@ def _keys_in(model: Element, tree: str, name: str, folder: Path | None) -> dict[
 
 
 def _scripts(root: Element, name: str = "", folder: Path | None = None) -> Iterator[str]:
-    """The scripts of a file, and of trees of other files that it uses."""
-    waiting, uses = [root], set()
+    """The scripts of a file and of the trees that it uses, with the keys that it passes to them."""
+    waiting: list[tuple[Element, dict[str, str]]] = [(root, {})]
+    seen: set[tuple[str, frozenset[tuple[str, str]]]] = set()
     trees = XmlTrees(root, name, folder) if folder else None
-    for each in waiting:  # the list grows while it is iterated
-        identity = each.attributes.get("ID", "")
-        if trees and each.tag.startswith("SubTree") and identity not in uses:
-            uses.add(identity)
-            found = trees.find(identity)
-            waiting += [found.element] if found and found.file != name else []
-        if each.tag == "SetBlackboard":
-            key, value = (each.attributes.get(name, "") for name in ("output_key", "value"))
-            is_plain = re.fullmatch(r"\{\w+\}|-?[0-9.]+|true|false", value)
-            value = value.strip("{}") if is_plain else f"'{value}'"
-            yield f"{key.strip('{}')} := {value}"
-        scripts = (each.attributes[a] for a in _SCRIPTS if a in each.attributes)
-        yield from (script.replace('"', "'") for script in scripts)
-        for port, unit in _AMOUNTS.items():
-            if (value := each.attributes.get(port, ""))[:1] == "{":
-                yield f"{value[1:-1]} < 1{unit}"
-        if each.tag.startswith("Switch"):
-            yield each.attributes.get("variable", "").strip("{}") + " =="
-        waiting += each.children
+    version_3 = root.attributes.get("BTCPP_format", "3") == "3"
+    for each, names in waiting:  # the list grows while it is iterated
+        given = each.attributes
+        for script in _own_scripts(each):
+            yield _NAME.sub(lambda m, names=names: names.get(m[0], m[0]), script)  # type: ignore[misc]
+        if trees and each.tag.startswith("SubTree"):
+            passed = {k: v for k, v in given.items() if k[0] != "_" and k not in ("ID", "name")}
+            for key, value in passed.items():
+                is_key = value[:1] == "{" or (version_3 and each.tag == "SubTree")
+                entry = value.strip("{}")
+                plain = is_key or re.fullmatch(r"-?[0-9.]+", value)
+                passed[key] = names.get(entry, entry) if plain else f"'{value}'"
+            use = given.get("ID", ""), frozenset(passed.items())
+            found = trees.find(use[0])
+            if found and use not in seen:
+                seen.add(use)
+                waiting.append((found.element, passed))
+        waiting += [(child, names) for child in each.children]
+
+
+def _own_scripts(each: Element) -> Iterator[str]:
+    """The scripts of an element, and what its ports say of keys, as scripts."""
+    given = each.attributes
+    if each.tag == "SetBlackboard" or each.tag.startswith("BlackboardCheck"):
+        is_set = each.tag == "SetBlackboard"
+        ports = ("output_key", "value") if is_set else ("value_A", "value_B")
+        key, value = (given.get(port, "") for port in ports)
+        is_plain = re.fullmatch(r"\{\w+\}|-?[0-9.]+|true|false", value)
+        value = value.strip("{}") if is_plain else f"'{value}'"
+        yield f"{key.strip('{}')} {':=' if is_set else '=='} {value}"
+    yield from (given[a].replace('"', "'") for a in _SCRIPTS if a in given)
+    for port, unit in _AMOUNTS.items():
+        if (value := given.get(port, ""))[:1] == "{":
+            yield f"{value[1:-1]} < 1{unit}"
+    if each.tag.startswith("Switch"):
+        yield given.get("variable", "").strip("{}") + " =="
 
 
 def _schema(text: str, name: str) -> Vocabulary:
