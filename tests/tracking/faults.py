@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import shutil
 from collections.abc import Callable, Iterator
 from enum import Enum
@@ -101,7 +102,7 @@ def live(run: Path, run_stages: list[Stage], sender: Callable[[], Store]) -> Non
     """
     for stage, status in run_stages:
         for file in stage.iterdir():
-            shutil.copy(file, run / file.name)
+            shutil.copy2(file, run / file.name)  # the page has the time of the records
         if not (stage / "error.txt").exists():
             (run / "error.txt").unlink(missing_ok=True)
         for _ in range(2):
@@ -137,5 +138,7 @@ def _facts(store: Store, run: Any) -> Iterator[tuple[str, object]]:
         points = store.client.get_metric_history(info.run_id, name)
         yield name, sorted((point.step, point.timestamp, point.value) for point in points)
     for file in store.client.list_artifacts(info.run_id):
-        artifacts = Path(store.place.artifacts or "") / info.run_id / "artifacts"
-        yield file.path, (artifacts / file.path).read_bytes()
+        if file.path != "manifest.json":  # it has the digest of the page, which names the folder
+            artifacts = Path(store.place.artifacts or "") / info.run_id / "artifacts"
+            content = (artifacts / file.path).read_bytes()
+            yield file.path, re.sub(rb"[^ \"'<>]*/runs/", b"HOME/runs/", content)
