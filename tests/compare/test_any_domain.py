@@ -11,7 +11,7 @@ import pytest
 from islandgp.compare.arms import Arm, Run
 from islandgp.compare.champions import evaluate_champions, library_trees
 from islandgp.compare.comparable import compare_arms
-from islandgp.compare.report import Report, build, to_page
+from islandgp.compare.report import Report, build
 from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.errors import StudyError
 from islandgp.evaluation.serial import Serial
@@ -106,7 +106,7 @@ def test_no_word_of_the_island_is_in_the_report(report: Report) -> None:
         *SCHEMA.counters,
         *CLASSES.behaviours,
     } - {"patrol", "distance", "inactive", "battery", "idle"}
-    page = re.sub(r'"data:[^"]*"', "", to_page(report))
+    page = re.sub(r'"data:[^"]*"', "", report.files["index.html"])
     text = re.sub(r"(selector|MoveToGarbage|PatrolWaypoint)", "", page).lower()
     assert {name for name in names if re.search(rf"\b{name.lower()}\b", text)} == set()
 

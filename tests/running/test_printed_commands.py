@@ -35,8 +35,7 @@ EXECUTED: Final = {
     "islandgp domain NAME --check TREE": "domain cartpole --check tree.bt",
     "islandgp examples NAME prints one": "examples all_rounder",
     "islandgp export --header -o {}": "export --header -o nodes.hpp",
-    "islandgp fmt": "fmt tree.bt",
-    "islandgp transcript RUN": "",  # needs a language model: tests/llm/test_transcript_command.py
+    "islandgp transcript {}": "",  # needs a language model: tests/llm/test_transcript_command.py
     "python -m islandgp": "run experiment=smoke gp.generations=1",
     "python -m islandgp --help": "run --help",
 }
