@@ -335,4 +335,4 @@ def test_another_lark_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
     """The package lark-parser writes an old parser into the folder of lark."""
     monkeypatch.setattr("lark.__version__", "0.12.0")
     with pytest.raises(ConfigError, match="pip uninstall -y lark-parser"):
-        language._parser.__wrapped__()
+        language.parser_of.__wrapped__()

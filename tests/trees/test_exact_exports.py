@@ -43,6 +43,7 @@ from tests.viewer.episodes import island
 BOARDS = st.lists(few_boards(), min_size=2, max_size=14)
 RESULTS = st.lists(st.sampled_from([FAILURE, SUCCESS, RUNNING, RUNNING]), min_size=1, max_size=40)
 TREES = nodes(few_numbers(), max_leaves=10, max_repeats=3, nav2=False)
+IN_PY_TREES = nodes(few_numbers(), max_leaves=10, max_repeats=3, nav2=False, if_else=False)
 MANY = examples(
     max_examples=300, suppress_health_check=[*HealthCheck], phases=[Phase.explicit, Phase.generate]
 )
@@ -57,7 +58,7 @@ def cpp(tmp_path_factory: pytest.TempPathFactory) -> Iterator[BehaviorTreeCpp]:
 
 
 @MANY
-@given(tree=TREES, boards=BOARDS, results=RESULTS)
+@given(tree=IN_PY_TREES, boards=BOARDS, results=RESULTS)
 @example(
     tree=parse("parallel success 1 { PatrolWaypoint ExecuteCharge }"),
     boards=[[0.0] * len(PLACES)],
