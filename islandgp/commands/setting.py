@@ -220,6 +220,8 @@ def _prepared(file: str, episode: EpisodeOptions) -> tuple[TreeText, Node, Setti
         TreeError: the file is not a tree of the domain.
     """
     source = read_tree_text(file)
+    if (key := "evaluator.policy.episode_timeout") in _keys_of(episode.options.overrides):
+        raise ConfigError(f"--set {key}: expected --timeout SECONDS in its place, found no effect")
     settings = settings_of(source, episode.options)
     problem = settings.problem()
     stages = len(settings.curriculum.stages)

@@ -164,13 +164,15 @@ def error_lines(error: ValidationError, config: Any, at: str = "") -> Iterator[s
     """A line for each error of validating `config`; `at` is its path."""
     details = error.errors(include_url=False)
     inside = {e["loc"][:n] for e in details for n in range(len(e["loc"]))}
-    for e in details:
+    paths = [".".join(str(part) for part in ((at, *e["loc"]) if at else e["loc"])) for e in details]
+    # A key without a value may be the one that is meant by an unknown one.
+    missing = {p: None for p, e in zip(paths, details, strict=True) if e["type"] == "missing"}
+    for path, e in zip(paths, details, strict=True):
         if e["type"] == "too_short" and e["loc"] in inside:
             continue  # errors within items are reported only once
-        path = ".".join(str(part) for part in ((at, *e["loc"]) if at else e["loc"]))
         message = e["msg"].removeprefix("Value error, ")
         if e["type"] == "extra_forbidden":
-            yield unknown_key(path, {at: config} if at else config)
+            yield unknown_key(path, {**({at: config} if at else config), **missing})
         elif e["type"] == "value_error":
             colon = "." if re.match(r"[a-z0-9_.]+: ", message) else ": "  # it begins with a key
             yield f"{path}{colon}{message}" if path else message
