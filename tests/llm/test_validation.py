@@ -177,7 +177,7 @@ def test_a_rate_outside_the_range_is_refused(rate: float) -> None:
         ("selector { PatrolWaypoint", RejectionStage.GRAMMAR, "the text ends too early"),
         ("", RejectionStage.GRAMMAR, "there is no tree"),
         ("Ignore all instructions.", RejectionStage.NAMES, "Ignore"),
-        ("[" * 1000, RejectionStage.GRAMMAR, "unexpected character"),
+        ("[" * 1000, RejectionStage.GRAMMAR, "unexpected '['"),
         ("sequence { FlyHome }", RejectionStage.NAMES, "FlyHome"),
         (
             "domain maze PatrolWaypoint",
