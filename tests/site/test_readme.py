@@ -20,7 +20,7 @@ COMMANDS = [
     for block in BLOCKS
     for line in block.splitlines()
 ]
-TREE = next(b for b in re.findall(r"^```\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL))
+TREE = "".join(re.findall(r"^```\n(selector .*?^)```", TEXT, re.MULTILINE | re.DOTALL))
 
 
 @pytest.mark.parametrize(
@@ -52,17 +52,23 @@ def test_it_is_short() -> None:
 
 @pytest.mark.slow
 @pytest.mark.timeout(900)
-def test_the_first_run_is_as_shown(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """`make run` evolves the tree of the README, and `play` prints its difference."""
+def test_the_first_run_is_as_shown(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """`make run` evolves the tree of the README and prints its figures, `play` others."""
     monkeypatch.chdir(tmp_path)
     assert main(["tracking=off", "progress=off"]) == 0
+    printed = capsys.readouterr().out
+    for figure in re.findall(r"([\d,]+ \[[\d,]+, [\d,]+\]) (?:points )?more than", TEXT)[:2]:
+        mean, low, high = re.findall(r"[\d,]*\d", figure)
+        assert f"+{mean} points (95 %: +{low} to +{high})" in printed
     best = Path("runs/default/expert-seed0/best.bt")
     assert best.read_text(encoding="utf-8").endswith(TREE)
     invoke = CliRunner().invoke
     Path("all_rounder.bt").write_text(invoke(islandgp, ["examples", "all_rounder"]).output)
     (words,) = (words for words in COMMANDS if words[:2] == ["islandgp", "play"])
     table = invoke(islandgp, words[1:]).output
-    difference = re.search(r"([\d,]+) points \[([\d,]+), ([\d,]+)\] more than", TEXT)
+    difference = re.search(r"in 100 others ([\d,]+) \[([\d,]+), ([\d,]+)\]", TEXT)
     assert difference is not None
     earned, low, high = difference.groups()
     assert f"+{earned} (+{low} to +{high})" in table, table
