@@ -184,20 +184,23 @@ def measured(name: str, arm: str, seed: int) -> dict[str, Any]:
 
 
 def curve_of(folder: Path, experiment: islandgp.Experiment) -> list[tuple[int, float]]:
-    """Episodes so far, and the mean in unseen worlds of the generation's fittest tree.
+    """Episodes so far, and the mean in unseen worlds of the fittest tree so far, POINTS at most.
 
-    The first point is generation 0, with all UNSEEN worlds; POINTS at most.
+    The fittest is that of the highest fitness in training, of the present stage, as rewards differ
+    between stages. The first point is generation 0, in all UNSEEN worlds.
     """
     records = islandgp.load(folder)
     generations, individuals = records.generations, records.individuals
     fittest = individuals.loc[individuals.groupby("generation")["fitness"].idxmax()]
-    tree_of = dict(zip(fittest["generation"], fittest["tree"], strict=True))
+    best = fittest.merge(generations[["generation", "stage"]], on="generation")
     points = list(zip(generations["generation"], generations["episodes"].cumsum(), strict=True))
     curve = []
     for i in sorted({*np.linspace(0, len(points) - 1, POINTS).round().astype(int)}):
         generation, episodes = points[i]
-        worlds = CURVE_WORLDS if i else UNSEEN
-        outcomes = experiment.evaluate(str(tree_of[generation]), worlds)
+        so_far = best[best["generation"] <= generation]
+        so_far = so_far[so_far["stage"] == so_far["stage"].iloc[-1]]
+        tree = so_far.loc[so_far["fitness"].idxmax(), "tree"]
+        outcomes = experiment.evaluate(str(tree), CURVE_WORLDS if i else UNSEEN)
         curve.append((int(episodes), round(fmean(o.fitness for o in outcomes), 3)))
     return curve
 
@@ -285,8 +288,8 @@ def report() -> None:
     (FOLDER / "scores.csv").write_text(scores_csv(rows), encoding="utf-8")
     profile_picture(by_world, label="Mean in unseen worlds").save(FOLDER)
     draw_curves({name: raws[name] for name in scores})
-    if "island" in scores:
-        draw_island(raws["island"])
+    if {"island", "island_default"} <= scores.keys():
+        draw_island(raws)
 
 
 def differences(raws: dict[str, dict[str, Any]]) -> Iterator[str]:
@@ -337,6 +340,7 @@ def draw_curves(raws: dict[str, dict[str, Any]]) -> None:
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
+    raws = {name: raw for name, raw in raws.items() if {*CURVES} & {*arms_of(WORLDS[name])}}
     figure = Figure(figsize=(9, 2.9 * len(raws)), layout="constrained")
     for axes, (name, raw) in zip(
         figure.subplots(len(raws), 1, squeeze=False).flat, raws.items(), strict=True
@@ -358,33 +362,34 @@ def draw_curves(raws: dict[str, dict[str, Any]]) -> None:
     figure.savefig(FOLDER / "curves.png", dpi=150, metadata={"Software": None})
 
 
-README_ARMS: Final = {
-    "racing, expert": "default run: evolution with the library",
-    "compose": "the library joined, no evolution",
-    "racing": "evolution from nothing",
-    "paper": "the paper's algorithm, from nothing",
-    "random": "random trees, no evolution",
-}
-"""Arms of the README's figure, with what they are in words."""
+README_ARMS: Final = (
+    ("island_default", "racing, expert", "default run: evolution with the library"),
+    ("island_default", "compose", "the library joined, no evolution"),
+    ("island", "racing", "evolution from nothing"),
+    ("island", "random", "random trees, no evolution"),
+    ("island", "paper", "the paper's algorithm, from nothing"),
+)
+"""World and arm of the lines of the README's figure, and what they are in words."""
 
 
-def draw_island(raw: dict[str, Any]) -> None:
+def draw_island(raws: dict[str, dict[str, Any]]) -> None:
     """The README's figure: each run of an arm is a dot, its mean a line with Student's interval."""
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(7, 2.6), layout="constrained")
     axes = figure.subplots()
-    arms = [arm for arm in README_ARMS if raw["arms"].get(arm)]
-    for row, arm in enumerate(reversed(arms)):
-        points = [run["score"] / 1000 for run in raw["arms"][arm].values()]
+    for row, (world, arm, _) in enumerate(reversed(README_ARMS)):
+        points = [run["score"] / 1000 for run in raws[world]["arms"][arm].values()]
         spread = np.linspace(-0.22, 0.22, len(points))
         axes.plot(points, row + spread, "o", color="C0", markersize=3, alpha=0.5, linewidth=0)
         mean, low, high = mean_interval(points)
         axes.plot([low, high], [row, row], color="black", linewidth=2)
         axes.plot([mean], [row], "|", color="black", markersize=12, markeredgewidth=2)
-    axes.axvline(raw["by_hand"] / 1000, color="C3", linestyle="--", label="tree written by hand")
-    axes.set_yticks(range(len(arms)), [README_ARMS[arm] for arm in reversed(arms)])
+    axes.axvline(
+        raws["island"]["by_hand"] / 1000, color="C3", linestyle="--", label="tree written by hand"
+    )
+    axes.set_yticks(range(len(README_ARMS)), [words for *_, words in reversed(README_ARMS)])
     axes.set_xlabel("points of the best tree in 100 unseen worlds, in thousands")
     axes.legend(loc="upper left", fontsize=8, frameon=False)
     axes.spines[["top", "right"]].set_visible(False)
