@@ -142,7 +142,10 @@ WORLDS: Final[dict[str, World]] = {
         *(MINIGRID / "by_hand.bt", MINIGRID / "conf"),
     ),
     "island_default": World(
-        ("domain=island",), ALL_ROUNDER, library=True, arms=("racing, expert", "compose")
+        *(("domain=island",), ALL_ROUNDER),
+        library=True,
+        arms=("racing, expert", "compose"),
+        seeds=range(9700, 9720),
     ),
     "island_4000": World(("domain=island", "budget.episodes=4000"), ALL_ROUNDER, arms=("racing",)),
     "island_best": World(
