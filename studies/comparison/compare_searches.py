@@ -368,9 +368,10 @@ def draw_curves(raws: dict[str, dict[str, Any]]) -> None:
 README_ARMS: Final = (
     ("island_default", "racing, expert", "default run: evolution with the library"),
     ("island_default", "compose", "the library joined, no evolution"),
+    ("island", "hill", "hill climber, from nothing"),
     ("island", "racing", "evolution from nothing"),
     ("island", "random", "random trees, no evolution"),
-    ("island", "paper", "the paper's algorithm, from nothing"),
+    ("island", "paper", "the paper's baseline, from nothing"),
 )
 """World and arm of the lines of the README's figure, and what they are in words."""
 
@@ -380,7 +381,7 @@ def draw_island(raws: dict[str, dict[str, Any]]) -> None:
     from matplotlib import rc_context
     from matplotlib.figure import Figure
 
-    figure = Figure(figsize=(7, 2.6), layout="constrained")
+    figure = Figure(figsize=(7, 3.0), layout="constrained")
     axes = figure.subplots()
     for row, (world, arm, _) in enumerate(reversed(README_ARMS)):
         points = [run["score"] / 1000 for run in raws[world]["arms"][arm].values()]

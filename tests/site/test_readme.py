@@ -1,4 +1,4 @@
-"""The README: its commands exist and compose, and its first run prints the tree that it shows."""
+"""The README, and the paper's page: commands exist and compose; the first run is as shown."""
 
 from __future__ import annotations
 
@@ -14,7 +14,8 @@ from islandgp.running.app import main
 from tests.running.commands import ROOT
 
 TEXT = (ROOT / "README.md").read_text(encoding="utf-8")
-BLOCKS = re.findall(r"^```console\n(.*?)^```", TEXT, re.MULTILINE | re.DOTALL)
+PAPER = (ROOT / "docs/paper.md").read_text(encoding="utf-8")
+BLOCKS = re.findall(r"^```console\n(.*?)^```", TEXT + PAPER, re.MULTILINE | re.DOTALL)
 COMMANDS = [
     shlex.split(line.removeprefix("$ "), comments=True)
     for block in BLOCKS
