@@ -26,8 +26,8 @@ if TYPE_CHECKING:
 SELECTIVE: Final = ("gp", "allocation", "curriculum", "library", "supervisor")
 """Groups of which a run may leave keys unread; those of all others act in every run."""
 
-OF_DOMAINS: Final = ("curriculum", "library")
-"""Groups of SELECTIVE that describe a robot in its file `domain/NAME.yaml`, for any search."""
+OF_DOMAINS: Final = ("curriculum", "library", "gp.generations")
+"""Keys that describe a robot in its file `domain/NAME.yaml`, for any search and budget."""
 
 SWITCHES: Final = {
     "rate": "supervisor.adapt_mutation",
@@ -95,7 +95,7 @@ def must_be_read(jobs: Sequence[Planned], source: ConfigSource) -> None:
             raise ConfigError(f"{override}: {_unread(job.settings, [key], source)}")
     dead: dict[Path, list[str]] = {}
     for file, key in source.keys_of_user(jobs[0].overrides, jobs[0].config):
-        of_robot = file.parent.name == "domain" and key.partition(".")[0] in OF_DOMAINS
+        of_robot = file.parent.name == "domain" and key.startswith(OF_DOMAINS)
         if not of_robot and not any(acts(key, each) for each in keys):
             dead.setdefault(file, []).append(key)
     for file, names in dead.items():

@@ -230,10 +230,11 @@ def _name(champion: Mapping[str, Any]) -> str:
     before = champion["record"]["nodes"]
     after = [tree["nodes"] for tree in champion["front"] if tree["chosen"]]
     short = f", shortened from {before} to {after[0]} nodes" if after and after[0] < before else ""
+    short = short or ", not shortened" * (not after and before > 1)
     return f"Best robot: individual {champion['record']['id']}{short}"
 
 
 def in_lines(learned: Sequence[str]) -> Iterator[str]:
     """What a search has found out about the actions, under a heading."""
-    yield "Learned from the episodes:"
+    yield "Learned from the episodes: what held before and after successes, not always by them"
     yield from (f"  {sentence}" for sentence in learned)

@@ -12,16 +12,18 @@ from islandgp.plugin import imported
 
 
 def proposals(settings: Settings, *, stuck: bool) -> Iterator[str]:
-    """A line for each installed search that says it suits the run; none after such a search.
+    """A line for each installed search that says it suits the run, and on a tree to start from.
 
     A search says so by a static method `suits(vocabulary, stuck)`, which returns the reason, or ""
-    if it does not suit.
+    if it does not suit. After such a search, no other is proposed.
 
     Args:
         settings: of the run.
-        stuck: no individual has reached a tier or shown the behaviours.
+        stuck: no individual has reached a milestone or shown the behaviours.
     """
     vocabulary = settings.make_domain().schema.vocabulary
+    if stuck and not settings.start:
+        yield "Perhaps `start=FILE.bt`: your own tree in generation 0, which evolution improves."
     if hasattr(settings.search.factory, "suits"):
         return
     for folder in conf_folders():

@@ -252,7 +252,9 @@ def is_mostly_fallback(summary: Mapping[str, Any]) -> bool:
 
 
 def _known_episodes(costs: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """A line on the episodes that were not simulated because their outcomes were known."""
+    """Lines on episodes of the search for a library, and on those whose outcomes were known."""
+    if library := sum(cost.get("library", 0) for cost in costs):
+        yield f"Episodes of the search for a library, in place of training: {library:,}"
     asked_episodes = sum(cost["episodes"] - cost.get("outside_training", 0) for cost in costs)
     if cached := asked_episodes - sum(cost["simulated"] for cost in costs):
         yield f"Episodes in training: {asked_episodes:,}, {cached:,} of them from the cache"

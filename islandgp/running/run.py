@@ -131,7 +131,8 @@ def run(
                 _write_page(settings, target, status, curves)
             finally:
                 where = tracker.finish(status)
-        stuck = bool(target.summary().get("nothing_works"))
+        summary = target.summary()
+        stuck = bool(summary.get("nothing_works")) or None in summary["first"].values()
         return _result(target, totals.costs, where, *proposals(settings, stuck=stuck))
     except _CallbackError as stop:
         raise stop.error from None

@@ -123,7 +123,7 @@ class Action:
     """Keys that its end can write, before the rest of the tree is ticked."""
     uses: tuple[Name, ...] = ()
     """Resources that it holds until it ends, such as the base of a robot. Two actions that share
-    one never run in the same tick."""
+    one never run at once; one that ends frees it for the rest of the tick."""
 
 
 def condition_leaf(meaning: str, arguments: Mapping[str, Parameter] | None = None) -> Action:
