@@ -19,7 +19,8 @@ def test_small_points_have_three_digits() -> None:
         },
         "front": [],
     }
-    result = "Best robot: individual 3.1, not shortened: 0.731 points (95 %: 0 to 1.25) in 3 unseen worlds"
+    points = "0.731 points (95 %: 0 to 1.25) in 3 unseen worlds"
+    result = f"Best robot: individual 3.1, not shortened: {points}"
     assert best_robot(champion) == result
     assert [*comparisons(champion)] == [
         "Against the tree by_hand in the same worlds: +0.0312 points (95 %: -0.2 to +12,346)"

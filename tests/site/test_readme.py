@@ -47,8 +47,8 @@ def test_an_experiment_composes(words: list[str], capsys: pytest.CaptureFixture[
 
 
 def test_it_is_short() -> None:
-    """At most 950 words with its commands and tables."""
-    assert len(TEXT.split()) <= 950
+    """At most 900 words with its commands and tables."""
+    assert len(TEXT.split()) <= 900
 
 
 @pytest.mark.slow
