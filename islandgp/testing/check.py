@@ -12,26 +12,28 @@ from __future__ import annotations
 
 import pickle
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from heapq import heappop, heappush
 from inspect import getfile
-from itertools import pairwise
+from itertools import combinations_with_replacement, pairwise
 from math import isclose, isfinite
 from pathlib import Path
 from textwrap import indent
-from typing import Final
+from typing import Any, Final
 
 import numpy as np
 import yaml
 
 from islandgp.bt.core.language import domain_of, parse
-from islandgp.bt.core.node import Limits, Node, leaf, sequence
-from islandgp.domain import Domain
+from islandgp.bt.core.node import Limits, Node, ParallelArgs, leaf, sequence
+from islandgp.domain import Domain, Schema
 from islandgp.errors import IslandError, TimeLimitError
 from islandgp.gp.random_trees import TreeSettings, TreeSpace, random_tree
 from islandgp.resources import resource
 from islandgp.supervision.library import library_folder
 from islandgp.testing.episodes import (
+    SEEDS,
     Promise,
     Record,
     Survey,
@@ -60,8 +62,16 @@ class Check:
         """A line for the events, actions and keys of the schema that no tree has reached."""
         return list(unreached(self.survey)) if self.survey else []
 
+    def shared(self) -> list[str]:
+        """A line for actions that seem to share a resource that they do not declare.
+
+        Two actions do if their order in a parallel changes an episode, and an action does with
+        itself if two of it at once do not do the same as one. None if an episode failed.
+        """
+        return list(_seem_shared(self.survey)) if self.survey and not self.survey.crashes else []
+
     def lines(self) -> Iterator[str]:
-        """A report: each promise, and what no tree has reached."""
+        """A report: each promise, what no tree has reached, and resources that seem shared."""
         for promise in Promise if self.trees_run else self.faults:
             fault = self.faults.get(promise, "")
             yield f"{'FAILED' if fault else 'ok':<6}  {promise}"
@@ -74,6 +84,9 @@ class Check:
             yield f"\nNot reached by any of {self.trees_run} trees (no failure without --strict):"
             yield from (f"  {line}" for line in lacking)
             yield "A tree that reaches them can be added: islandgp domain NAME --check TREE.bt"
+        if shared := self.shared():
+            yield "\nActions that seem to share a resource; declare it as their `uses` if they do:"
+            yield from (f"  {line}" for line in shared)
 
 
 def check_domain(
@@ -186,6 +199,39 @@ def _grow(survey: Survey, actions: Sequence[Node], most: int) -> None:
             reached |= firsts | states
             if firsts or states:
                 heappush(waiting, (not firsts, -len(longer), -most, longer))
+
+
+class _Ticks(Record):
+    """A record of the blackboard in each tick, with the things that move."""
+
+    def __init__(self, tree: Node, schema: Schema) -> None:
+        super().__init__(tree, schema, SEEDS[:1])
+        self.seen: list[Hashable] = []
+
+    def tick(self, board: Sequence[float], scene: Any) -> None:
+        self.seen.append((tuple(board), getattr(scene, "movers", ())))
+
+
+def _seem_shared(survey: Survey) -> Iterator[str]:
+    actions = survey.domain.schema.vocabulary.actions
+    acting = [name for name, action in actions.items() if not action.condition]
+
+    def ticks(*names: str) -> list[Hashable]:
+        """What happens with actions at once, behind those that come before them."""
+        before = dict.fromkeys(other for name in names for other in actions[name].after)
+        at_once = Node("parallel", ParallelArgs("all", "all"), tuple(map(leaf, names)))
+        tree = sequence(*map(leaf, before), at_once)
+        record = _Ticks(tree, survey.domain.schema)
+        with suppress(Exception, SystemExit):  # what was seen before is compared
+            survey.episode(tree, record.seeds[0], observer=record)
+        return record.seen
+
+    for one, other in combinations_with_replacement(acting, 2):
+        if {*actions[one].uses} & {*actions[other].uses}:
+            continue
+        instead = (one,) if one == other else (other, one)
+        if ticks(one, other) != ticks(*instead):
+            yield f"{one} with itself" if one == other else f"{one} and {other}"
 
 
 def _other_outcome(survey: Survey, domain: Domain) -> str:

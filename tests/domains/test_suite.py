@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import sys
 from collections.abc import Callable, Mapping
+from copy import copy
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
 from typing import Any, ClassVar
@@ -106,3 +108,20 @@ def test_a_status_that_an_action_has_only_behind_another_is_found() -> None:
     faults = check_domain(homing, random_trees=0, grown_trees=0).faults
     message = faults["actions return the statuses that they declare"]
     assert message == "Expected ReturnToStart to return SUCCESS, found RUNNING."
+
+
+def test_actions_that_seem_to_share_a_resource_are_listed() -> None:
+    """Two drives of one base are, as long as they do not declare it; tucking twice is not."""
+
+    def undeclared() -> Domain:
+        domain = copy(pick_place())
+        words = domain.schema.vocabulary
+        actions = {name: replace(a, uses=()) for name, a in words.actions.items()}
+        domain.schema = replace(domain.schema, vocabulary=replace(words, actions=actions))  # type: ignore[misc]
+        return domain
+
+    check = check_domain(undeclared, random_trees=0, grown_trees=0)
+    assert "  MoveToPick and MoveToPlace" in check.lines()
+    assert "Tuck with itself" not in check.shared()
+    declared = check_domain(pick_place, random_trees=0, grown_trees=0)
+    assert "MoveToPick and MoveToPlace" not in declared.shared()
