@@ -182,6 +182,20 @@ def test_a_domain_s_file_may_set_how_its_robots_evolve(
     assert config["allocation"]["elites"] == 1
 
 
+def test_a_misspelt_key_of_a_domains_file_names_the_one_without_a_value(
+    example: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Although no file of configuration has the right one."""
+    file = example / "conf/domain/pick_place.yaml"
+    text = file.read_text(encoding="utf-8")
+    file.write_text(text.replace("failure:", "failur:"), encoding="utf-8")
+    assert main([*OWN]) == 2
+    assert capsys.readouterr().err.splitlines() == [
+        "islandgp: world.failur: unknown key; did you mean world.failure?",
+        "world.failure: expected a value, found none",
+    ]
+
+
 @pytest.mark.slow
 def test_a_run_goes_on_with_the_code_of_its_domain_only(
     example: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
