@@ -25,7 +25,8 @@ from islandgp.bt.export import behaviortree_cpp
 from islandgp.bt.export.cpp_importer import DIFFERENCES
 from islandgp.bt.export.declared import UNNAMED
 from islandgp.bt.export.grammar import FORMATS, tree_grammar
-from islandgp.bt.export.import_cpp import read_tree
+from islandgp.bt.export.import_cpp import Imported, read_tree
+from islandgp.bt.export.json import from_json, to_json
 from islandgp.bt.export.py_trees import to_python
 from islandgp.bt.export.render import label, to_rich, to_svg
 from islandgp.commands.files import (
@@ -44,7 +45,7 @@ from islandgp.text import in_its_domain
 
 COLOURS: Final = {Mark.DELETED: "red", Mark.INSERTED: "green", Mark.CHANGED: "yellow"}
 
-FORMATS_BY_ENDING: Final = {"xml": "btcpp", "py": "pytrees"}
+FORMATS_BY_ENDING: Final = {"json": "json", "xml": "btcpp", "py": "pytrees"}
 
 DEPTH: Final = 8  # levels of a tree, as section 2.2.3 limits them
 
@@ -205,9 +206,9 @@ def export_command(
 ) -> None:
     """Write the tree in FILE for another tool.
 
-    btcpp: XML for BehaviorTree.CPP 4; where a node of the library has another meaning, a
-    node of --header replaces it. pytrees: a Python module that builds a py_trees tree.
-    docs/exports.md describes the formats.
+    json: for your own programs. btcpp: XML for BehaviorTree.CPP 4; where a node of the
+    library has another meaning, a node of --header replaces it. pytrees: a Python module
+    that builds a py_trees tree. docs/exports.md describes the formats.
     """
     if header:
         if file is not None or form is not None:
@@ -225,7 +226,8 @@ def export_command(
             f" that ends in one of {endings}, found {'none' if output == STDIN else output}"
         )
     _, vocabulary, tree = read_in_domain(file, options, marked=True)
-    text = (behaviortree_cpp.to_xml if form == "btcpp" else to_python)(tree, vocabulary)
+    writer = {"btcpp": behaviortree_cpp.to_xml, "pytrees": to_python}.get(form)
+    text = writer(tree, vocabulary) if writer else to_json(tree)
     write_text(output, text)
     for each in behaviortree_cpp.needs(text) if form == "btcpp" else ():
         click.echo(f"needs {each}", err=True)
@@ -240,7 +242,7 @@ def export_command(
 def import_command(
     file: str, identity: str | None, strict: bool, output: str, options: DomainOptions
 ) -> None:
-    """Turn BehaviorTree.CPP XML in FILE into a tree of the language.
+    """Turn JSON or BehaviorTree.CPP XML in FILE into a tree of the language.
 
     A node that the language does not have is an error with its place. Differences in
     behaviour are printed to the standard error. The result names its domain, unless
@@ -248,13 +250,19 @@ def import_command(
     """
     check_other_file(file, output)
     text, name, folder = read_tree_text(file)
-    if text.lstrip("\ufeff \t\r\n")[:1] != "<":
+    start = text.lstrip("\ufeff \t\r\n")[:1]
+    wanted = "BehaviorTree.CPP XML with --tree" if identity else "JSON or BehaviorTree.CPP XML"
+    if not start or start not in ("<" if identity else "<{["):
         raise TreeError(
-            f"{name}: expected BehaviorTree.CPP XML, found another format; a tree in the language"
-            " needs no import"
+            f"{name}: expected {wanted}, found another format; a tree in the language needs no"
+            " import"
         )
     vocabulary = vocabulary_of(TreeText(text if options.declaration else "", name, folder), options)
-    imported = read_tree(text, vocabulary, name=name, tree=identity, folder=folder)
+    if start == "<":
+        imported = read_tree(text, vocabulary, name=name, tree=identity, folder=folder)
+    else:
+        tree = from_json(text, vocabulary, name=name)
+        imported = Imported(tree, (), to_text(tree))
     losses = [
         f"{name}:{line}:{column}: not the same ({about}): there, {DIFFERENCES[about]}"
         for line, column, about in imported.differences

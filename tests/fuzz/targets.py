@@ -31,6 +31,7 @@ from islandgp.bt.core.parameters import adapter
 from islandgp.bt.export.behaviortree_cpp import to_xml
 from islandgp.bt.export.declared import declared
 from islandgp.bt.export.import_cpp import read_tree
+from islandgp.bt.export.json import from_json, to_json
 from islandgp.compare.arms import Arm, find
 from islandgp.compare.measures import read_runs
 from islandgp.config.compose import planned
@@ -107,6 +108,7 @@ def text_of(data: bytes) -> str:
 def same_everywhere(tree: Node) -> None:
     """A tree comes back from each form that it is written in."""
     assert parse(to_text(tree), VOCABULARY) == tree
+    assert from_json(to_json(tree), VOCABULARY) == tree
     assert read_tree(to_xml(tree), VOCABULARY).tree == tree
 
 
@@ -140,6 +142,16 @@ def xml(data: bytes) -> bool:
     except IslandError:
         return False
     same_everywhere(tree_import.tree)
+    return True
+
+
+def json_tree(data: bytes) -> bool:
+    """`import` of JSON."""
+    try:
+        tree = from_json(text_of(data), VOCABULARY)
+    except IslandError:
+        return False
+    same_everywhere(tree)
     return True
 
 
@@ -450,6 +462,10 @@ def _answers() -> st.SearchStrategy[bytes]:
     )
 
 
+def _json_trees() -> list[bytes]:
+    return [to_json(parse(text.decode(), VOCABULARY)).encode() for text in TREES]
+
+
 def _xml_trees() -> list[bytes]:
     return [to_xml(parse(text.decode(), VOCABULARY)).encode() for text in TREES]
 
@@ -494,7 +510,8 @@ def targets() -> dict[str, Target]:
     forms = _declarations()
     return {
         "language": Target(texts(TREES, TOKENS), language, lambda: TREES, 25),
-        "xml": Target(texts(_xml_trees(), XML_TOKENS), xml, _xml_trees, 10),
+        "xml": Target(texts(_xml_trees(), XML_TOKENS), xml, _xml_trees, 5),
+        "json": Target(_changed(_json_trees(), TOKENS), json_tree, _json_trees, 5),
         "declaration": Target(_changed(forms), declaration, _declarations, 5),
         "answer": Target(_answers(), answer, _plain_answers, 5),
         "records": Target(damaged_files(), records, _whole_files, 1),

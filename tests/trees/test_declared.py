@@ -146,9 +146,12 @@ TWO_ACTIONS = "<TreeNodesModel><Action ID='Charge'/><Action ID='Patrol'/></TreeN
     "condition",
     ["battery < reserve", "battery <= 5 and a != b", "hot or not lap > 3", "mode == docking"],
 )
-def test_exports_are_read_back_with_a_model(islandgp: Cli, tmp_path: Path, condition: str) -> None:
+@pytest.mark.parametrize("file", ["t.xml", "t.json"])
+def test_exports_are_read_back_with_a_model(
+    islandgp: Cli, tmp_path: Path, condition: str, file: str
+) -> None:
     """A model declares no keys; those of an export are those of its conditions, on both sides."""
-    tree, model, exported = tmp_path / "t.bt", tmp_path / "m.xml", tmp_path / "t.xml"
+    tree, model, exported = tmp_path / "t.bt", tmp_path / "m.xml", tmp_path / file
     tree.write_text(f"reactive_selector {{ when {condition} abort self {{ Charge }} Patrol }}")
     model.write_text(TWO_ACTIONS)
     assert islandgp("export", tree, "--vocabulary", model, "-o", exported).code == 0

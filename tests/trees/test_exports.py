@@ -7,25 +7,35 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from hypothesis import HealthCheck
+from hypothesis import HealthCheck, given
 from hypothesis import strategies as st
 
 from islandgp.bt.core.format import format_text
+from islandgp.bt.core.kinds import KINDS
 from islandgp.bt.core.language import parse, to_text
-from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS
+from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, walk
 from islandgp.bt.core.parameters import one_of, real, switch, whole
 from islandgp.bt.core.parameters import text as text_argument
-from islandgp.bt.core.vocabulary import Action, Vocabulary, condition_leaf, enumeration, number
+from islandgp.bt.core.vocabulary import (
+    Action,
+    Vocabulary,
+    condition_leaf,
+    enumeration,
+    flag,
+    integer,
+    number,
+)
 from islandgp.bt.export import behaviortree_cpp, py_trees
 from islandgp.bt.export.behaviortree_cpp import to_xml
 from islandgp.bt.export.declared import declared
 from islandgp.bt.export.import_cpp import read_tree
+from islandgp.bt.export.json import from_json, to_json
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import DomainError, TreeError
 from islandgp.resources import resource
 from tests.profiles import examples
 from tests.strategies import few_boards, few_numbers, nodes
-from tests.trees.shell import Cli
+from tests.trees.shell import Cli, CommandResult
 from tests.trees.targets import main_tree
 
 BOARDS = st.lists(few_boards(), min_size=2, max_size=14)
@@ -34,6 +44,70 @@ TREES = nodes(few_numbers(), max_leaves=10, max_repeats=3, timed=False, nav2=Fal
 FEW = examples(
     max_examples=300, suppress_health_check=[HealthCheck.filter_too_much, HealthCheck.too_slow]
 )
+
+
+ALL_KINDS = """
+selector {
+  sequence { always success GoTo(place: shelf, speed: 0.5) GoTo(place: "{goal}") }
+  parallel success 2 failure all { A B() inverter { A } }
+  when mode == docking and not (lap > 2 or hot) or a * 2 + b < lap { repeater 3 { A } }
+  retry tries { force_success { force_failure { A } } }
+  reactive_selector { reactive_sequence { wait delay { A } } timeout 2.5 { A } }
+  cooldown 1 { pipeline { random_selector { A } round_robin { B } } }
+  if_else { A B set mode = docking }
+  recovery tries { every delay { A } until_failure { until_success { A } } }
+  set hot = yes
+  set lap = lap + 1
+  when reply == "not given" abort none { A }
+}"""
+ALL_WORDS = Vocabulary(
+    "robot",
+    {
+        **{name: Action("") for name in "AB"},
+        "GoTo": Action("", arguments={"place": text_argument(""), "speed": real("", 0, 1)}),
+    },
+    {
+        "mode": enumeration("", ["idle", "docking"], initial="idle"),
+        "reply": enumeration("", ["given", "not given"]),
+        "hot": flag("", initial="no"),
+        "goal": enumeration("", ["shelf", "dock"]),
+        **{name: number("", 0, 10) for name in ("a", "b", "delay")},
+        **{name: integer("", 0, 10, initial=0) for name in ("lap", "tries")},
+    },
+)
+SHIPPED = sorted((resource("grammar") / "examples").glob("*.bt"))
+PATTERNS = sorted(Path(__file__).parents[2].glob("examples/patterns/*.bt"))
+
+
+@examples(max_examples=100)
+@given(tree=nodes(pairs=True))
+def test_json_is_lossless(tree: Node) -> None:
+    """Every tree of the language comes back from JSON as it was."""
+    assert from_json(to_json(tree)) == tree
+
+
+def test_every_kind_comes_back_from_json() -> None:
+    """So do all kinds of nodes with all kinds of arguments, with a vocabulary and without one."""
+    tree = parse(ALL_KINDS)
+    assert {node.kind for node in walk(tree)} == KINDS.keys()
+    assert from_json(to_json(tree)) == tree
+    tree = parse(ALL_KINDS, ALL_WORDS)
+    assert from_json(to_json(tree), ALL_WORDS) == tree
+    assert all(f'"other": "{word}"' in to_json(tree) for word in ("yes", "docking"))
+
+
+@pytest.mark.parametrize("file", [*SHIPPED, *PATTERNS], ids=lambda file: file.stem)
+def test_shipped_trees_come_back_from_json(islandgp: Cli, tmp_path: Path, file: Path) -> None:
+    """`export` and `import` of each example give an equal tree, words and flags included."""
+    robot, vocabulary = [], VOCABULARY
+    if file in PATTERNS:
+        words = file.parent / "robot.json"
+        robot, vocabulary = ["--vocabulary", words], declared(words.read_text(), "", name="robot")
+    exported = islandgp("export", file, *robot, "-o", tmp_path / "a tree.json")
+    assert exported == CommandResult(0, "", "")
+    result = islandgp("import", tmp_path / "a tree.json", *robot)
+    read, written = (parse(text, vocabulary) for text in (result.out, file.read_text()))
+    assert (result.code, read) == (0, written)
 
 
 WRONG_XML = {
@@ -254,18 +328,58 @@ def test_foreign_xml() -> None:
 
 CHILD = '"children": [{"kind": "action", "args": {"name": "SeekCharger"}}]'
 SUM = '{"key": "lap+1", "operator": "<", "number": 3}'
+WRONG_JSON = {
+    "": "expected JSON or BehaviorTree.CPP XML, found another format",
+    "\ufeff \n": "expected JSON or BehaviorTree.CPP XML, found another format",
+    "{": "found: Expecting property name enclosed in double quotes: line 1 column 2",
+    '{"format": "islandgp-tree", "tree": ' + "[" * 100_000: "it is nested too deeply",
+    "[" + "1, " * 100_000 + "1]": "the file: namedTuple should have at",
+    "[]": "field required, found []",
+    '{"format": "tree", "tree": 1}': "format: input should be 'islandgp-tree', found 'tree'",
+    '{"format": "islandgp-tree"}': "tree: field required",
+    '{"kind": "selectr"}': "expected JSON of a tree, found: 'selectr'",
+    '{"kind": "selector", "children": []}': "t.json, as text:1:9: the text ends too early",
+    f'{{"kind": "selector", "args": {{"x": 1}}, {CHILD}}}': "tree.args: ",
+    '{"kind": "use", "args": {"head": "use x"}}': "unknown subtree 'x'",
+    '{"kind": "always", "args": {"head": "SeekCharger"}}': "writes in another way",
+    '{"kind": "action", "args": {"name": "Dance"}}': "unknown action 'Dance'",
+    '{"kind": "action", "args": {"name": "a b"}}': "unexpected 'b'",
+    '{"kind": "action"}': "expected JSON of a tree",
+    '{"kind": "when", "args": {"condition": 1}}': "tree.args: ",
+    f'{{"kind": "when", "args": {{"condition": {SUM}}}, {CHILD}}}': "writes in another way",
+    f'{{"kind": "repeater", "args": {{"times": 1e300}}, {CHILD}}}': "is out of range",
+    f'{{"kind": "repeater", "args": {{"times": 0}}, {CHILD}}}': "a whole number from 1 to",
+    f'{{"kind": "repeater", "args": {{"times": 1e999}}, {CHILD}}}': "1e999 is no number",
+    '{"kind": "action", "args": {"name": "SeekCharger", "speed": 3}}': "tree.args: ",
+    '{"kind": "inverter", "children": [3]}': "tree.children.0: input should be",
+    '{"kind": "inverter", "children": [' * 300 + "3" + "]}" * 300: "tree.children.0",
+}
+
+
+@pytest.mark.parametrize("text", WRONG_JSON, ids=lambda text: text[:60])
+def test_wrong_json(islandgp: Cli, tmp_path: Path, text: str) -> None:
+    """JSON that is no such tree is refused with its place and a reason, and nothing is written."""
+    document = f'{{"format": "islandgp-tree", "tree": {text}}}' if "kind" in text else text
+    (tmp_path / "t.json").write_text(document, encoding="utf-8")
+    result = islandgp("import", tmp_path / "t.json", "-o", tmp_path / "t.bt")
+    assert (result.code, result.out, (tmp_path / "t.bt").exists()) == (2, "", False)
+    assert WRONG_JSON[text] in result.err
+    assert "t.json" in result.err.splitlines()[0]
+    assert len(result.err) < 1000
 
 
 def test_hostile_files() -> None:
-    """A hundred thousand nested levels are an error like any other."""
+    """A hundred nested levels are read, a hundred thousand are an error like any other."""
+    deep = parse("inverter { " * 99 + "always running" + "}" * 99)
+    assert from_json(to_json(deep)) == deep
     with pytest.raises(TreeError):
         main_tree("<Sequence>" * 100_000, VOCABULARY)
 
 
 def test_commands(islandgp: Cli, tmp_path: Path) -> None:
-    """export chooses the form by the ending, says what it needs; import reads it back."""
+    """export chooses the form by the ending, says what it needs; import reads both forms back."""
     example = resource("grammar") / "examples" / "all_rounder.bt"
-    for name in ("t.XML", "t.py"):
+    for name in ("t.json", "t.XML", "t.py"):
         result = islandgp("export", example, "-o", tmp_path / name)
         assert result.code == 0
         assert ("needs islandgp_nodes.hpp" in result.err) == (name == "t.XML")
@@ -275,9 +389,12 @@ def test_commands(islandgp: Cli, tmp_path: Path) -> None:
     assert "class When" in islandgp("export", "--header").out
     for arguments in ([example], ["--to", "btcpp"]):
         assert "expected --header alone" in islandgp("export", "--header", *arguments).err
-    result = islandgp("import", tmp_path / "t.XML")
-    assert parse(result.out) == parse(example.read_text())
-    assert "expected BehaviorTree.CPP XML" in islandgp("import", tmp_path / "n.bt").err
+    for name in ("t.json", "t.XML"):
+        result = islandgp("import", tmp_path / name)
+        assert parse(result.out) == parse(example.read_text())
+    assert "expected JSON or BehaviorTree.CPP XML" in islandgp("import", tmp_path / "n.bt").err
+    refused = islandgp("import", tmp_path / "t.json", "--tree", "T").err
+    assert "expected BehaviorTree.CPP XML with --tree" in refused
     assert islandgp("export", example).code == 2
 
 

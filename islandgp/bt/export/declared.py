@@ -40,6 +40,7 @@ from islandgp.bt.core.vocabulary import (
     is_name,
 )
 from islandgp.bt.export.cpp_importer import GATES, POSTCONDITIONS, PRECONDITIONS
+from islandgp.bt.export.json import from_json
 from islandgp.bt.export.xml_reader import Element, XmlTrees, read_xml
 from islandgp.errors import DomainError
 from islandgp.plain import read_json
@@ -130,14 +131,15 @@ def _port(port: Element) -> Parameter:
 
 
 def _keys_in(model: Element, tree: str, name: str, folder: Path | None) -> dict[str, Key]:
-    """The keys of a tree, which is in the tree language or in XML.
+    """The keys of a tree, which is in the tree language, in XML or in JSON.
 
     The scripts of the model's own trees show which texts are words of a key.
     """
-    if tree.lstrip("\ufeff \t\r\n")[:1] == "<":
+    if (start := tree.lstrip("\ufeff \t\r\n")[:1]) == "<":
         scripts = [*_scripts(model), *_scripts(read_xml(tree, name=name), name, folder)]
     else:
-        root = parse(tree, name=name, folder=folder)
+        is_json = start in ("{", "[")
+        root = from_json(tree, name=name) if is_json else parse(tree, name=name, folder=folder)
         sets = (node.args.assigned for node in walk(root) if isinstance(node.args, SetArgs))
         scripts = [*_scripts(model), *map(condition_text, (*asked_in(root), *sets))]
         amounts = (n.args for n in walk(root) if isinstance(n.args, CountArgs | SecondsArgs))
