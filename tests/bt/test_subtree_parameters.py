@@ -219,7 +219,7 @@ def lifted(draw: st.DrawFn) -> tuple[Node, str]:
         if isinstance(expr, Compound):
             return Compound(expr.word, tuple(map(condition, expr.parts)))
         key, other, value = expr.key, expr.other, expr.number
-        if draw(st.booleans()):
+        if key in VOCABULARY.keys and draw(st.booleans()):  # a negated key is no argument
             key = parameter(key)
         if expr.operator not in ("is", "not") and draw(st.booleans()):
             name = parameter(

@@ -56,6 +56,7 @@ def test_numbers_of_purposes() -> None:
         "PERTURBATION": 18,
         "PRUNING": 19,
         "JUDGING": 20,
+        "ORDER": 21,
         "RESAMPLING": 100,
     }
 

@@ -310,8 +310,7 @@ def recorded_lines() -> tuple[Any, ...]:
     llm, _ = supervisor(answering(), folder=folder)
     advise(llm)
     data = (folder / "transcript.jsonl").read_bytes()
-    played = {"line": "played", "generation": 3, "purpose": "trial", "episodes": 2, "gain": 0.5}
-    return (*map(json.loads, data.splitlines()), played)
+    return tuple(map(json.loads, data.splitlines()))
 
 
 @st.composite

@@ -45,7 +45,7 @@ def test_one_failure_leaves_the_other_jobs(cwd: Path, capsys: pytest.CaptureFixt
     assert len(failed) == 3
     errors = capsys.readouterr().err
     for run in failed:
-        assert f"{run.path.name}: ZeroDivisionError: a fault of the program" in errors
+        assert f"{run.path.name}: failed: ZeroDivisionError: a fault of the program" in errors
         assert "Traceback" in (run.path / "error.txt").read_text()
 
 
