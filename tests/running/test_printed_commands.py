@@ -33,6 +33,8 @@ EXECUTED: Final = {
     "islandgp domain --json": "domain --json",
     "islandgp domain NAME --json": "domain island --json",
     "islandgp domain NAME --check TREE": "domain cartpole --check tree.bt",
+    "islandgp export TREE --to json": "export tree.bt --to json",
+    "islandgp fmt": "fmt tree.bt",
     "islandgp examples NAME prints one": "examples all_rounder",
     "islandgp export --header -o {}": "export --header -o nodes.hpp",
     "islandgp transcript {}": "",  # needs a language model: tests/llm/test_transcript_command.py
@@ -74,7 +76,7 @@ def test_the_commands_of_messages_run(
     more = [*fake("Instant"), "tracking=off"] if words.startswith("run exp") else []
     result = CliRunner().invoke(group, [*words.split(), *more])
     assert result.exit_code == 0, result.output
-    assert result.output or words.startswith("export")
+    assert result.output or words.startswith(("export", "fmt"))
 
 
 def test_the_extras_of_messages_and_docs_exist() -> None:

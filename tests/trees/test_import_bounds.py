@@ -175,7 +175,7 @@ def test_what_is_no_import(islandgp: Cli, tmp_path: Path) -> None:
         file.write_text(text, encoding="utf-8")
         result = islandgp("import", file)
         assert (result.code, result.out) == (2, "")
-        assert f"{file}: expected BehaviorTree.CPP XML, found another format" in result.err
+        assert f"{file}: expected JSON or BehaviorTree.CPP XML, found another format" in result.err
 
 
 @pytest.mark.skipif(not Path("/dev/zero").exists(), reason="needs /dev/zero")
