@@ -81,6 +81,11 @@ def chapters() -> list[Chapter]:
         comments = _comments(files)
         if name in _CHOICES:
             all_chapters += [_option(name, file) for file in files]
+        elif name == "allocation":  # each search has its own
+            for file in files:
+                slots = configured([f"search={file.stem}"]).allocation
+                keys = tuple(_keys(type(slots), slots, name, _comments([file])))
+                all_chapters.append(Chapter(f"`{name}` of `search={file.stem}`", (file,), keys))
         else:
             keys = tuple(_keys(type(value), value, name, comments))
             all_chapters.append(Chapter(f"`{name}`", files, keys))

@@ -110,7 +110,7 @@ class Caps(BaseModel, frozen=True, extra="forbid", allow_inf_nan=False):
 class PerMinute(BaseModel, frozen=True, extra="forbid"):
     """Limits of an account, shared by all runs of a user on this machine; None: no limit."""
 
-    requests: float | None = Field(default=None, gt=0)
+    requests: float | None = Field(default=None, gt=0)  # of all runs together
     input_tokens: float | None = Field(default=None, gt=0)  # estimated from the prompts' characters
 
 
