@@ -310,7 +310,7 @@ def _may_differ(key: str, keys_by_arm: Sequence[frozenset[str]]) -> bool:
     if _group(key) == "domain" or key in BUDGET:
         return False
     if _group(key) == "allocation" and all("search" in map(_group, k) for k in keys_by_arm):
-        return True  # each search has slots of its own
+        return True  # the keys depend on the search
     if _group(key) in REPLACEABLE_GROUPS:
         return all(_group(key) in map(_group, keys) for keys in keys_by_arm)
     return all(any(_contains(key, k) or _contains(k, key) for k in keys) for keys in keys_by_arm)

@@ -263,7 +263,7 @@ class Shortening:
         return None
 
     def _is_new(self, form: ShorterForm) -> bool:
-        """False if simplifying takes the form back to a tree of the front, so that nothing ends."""
+        """False if simplified the form is a tree of the front: it would be tried for ever."""
         tree = simplify(form.tree, self.vocabulary).tree
         return all(tree != each.tree for each in self.front)
 

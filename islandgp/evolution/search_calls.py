@@ -72,7 +72,7 @@ def updated_memory(
     advice: Advice,
     plan: Plan,
 ) -> Any:
-    """The memory of the state that `tell` returns. Raises PartError for one that is no state."""
+    """The memory that `tell` returns. Raises PartError unless it returns the next state."""
     path = path_of(type(search))
     with plugin_errors(path):
         new = search.tell(state, population, advice)

@@ -1,18 +1,23 @@
-"""What a run tells: its progress, its summary, and a short report for the console."""
+"""The progress of a run, its summary, and a short report for the console."""
 
 from __future__ import annotations
 
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass, field
 from time import monotonic
 from typing import Any, Final, Literal
+
+import yaml
 
 from islandgp.config.settings import Settings
 from islandgp.domain import total
 from islandgp.evolution.validation import Best, Validation
 from islandgp.gp.record import Step
+from islandgp.installed import conf_folders
 from islandgp.plain import nan_to_none
+from islandgp.plugin import imported
 from islandgp.records.folder import RunFolder
 from islandgp.records.values import (
     answers,
@@ -244,6 +249,28 @@ def report(target: RunFolder, costs: Sequence[Mapping[str, Any]]) -> str:
             "",
         )
     )
+
+
+def proposals(settings: Settings, summary: Mapping[str, Any]) -> Iterator[str]:
+    """Lines that propose a tree to start from, or an installed search, for a finished run.
+
+    A search that suits some domains has a static method `suits(vocabulary, stuck)`, which returns
+    the reason, or "". `stuck` is True if nothing works or a milestone was never reached. After a
+    run with such a search, no other search is proposed.
+    """
+    stuck = bool(summary.get("nothing_works")) or None in summary["first"].values()
+    if stuck and not settings.start:
+        yield "Perhaps `start=FILE.bt`: your own tree in generation 0, which evolution improves."
+    if hasattr(settings.search.factory, "suits"):
+        return
+    vocabulary = settings.make_domain().schema.vocabulary
+    for file in (
+        file for folder in conf_folders() for file in sorted(folder.glob("search/*.yaml"))
+    ):
+        with suppress(Exception):  # the run is finished: a broken plug-in has no say
+            kind = imported(yaml.safe_load(file.read_text("utf-8"))["search"]["factory"])
+            if reason := getattr(kind, "suits", lambda *_: "")(vocabulary, stuck):
+                yield f"Perhaps `search={file.stem}`: {reason}."
 
 
 def is_mostly_fallback(summary: Mapping[str, Any]) -> bool:

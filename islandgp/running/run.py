@@ -33,11 +33,11 @@ from islandgp.running.parts import (
     make_supervisor,
     plan_of,
 )
-from islandgp.running.proposals import proposals
 from islandgp.running.report import (
     Progress,
     RunTotals,
     is_mostly_fallback,
+    proposals,
     report,
     summary,
     totals_of,
@@ -131,9 +131,7 @@ def run(
                 _write_page(settings, target, status, curves)
             finally:
                 where = tracker.finish(status)
-        summary = target.summary()
-        stuck = bool(summary.get("nothing_works")) or None in summary["first"].values()
-        return _result(target, totals.costs, where, *proposals(settings, stuck=stuck))
+        return _result(target, totals.costs, where, *proposals(settings, target.summary()))
     except _CallbackError as stop:
         raise stop.error from None
     finally:

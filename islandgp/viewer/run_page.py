@@ -245,7 +245,7 @@ def write_page(
 ) -> None:
     """Writes the page of a run; that of a finished run has the replay of its best robot.
 
-    Whatever is in its place is replaced.
+    An existing page is replaced.
 
     Args:
         folder: of the run.

@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
+from pathlib import Path
+
+import pytest
+
+from islandgp.experiment import compose
 from islandgp.records.values import best_robot, best_robot_in_a_sentence, comparisons
+from islandgp.running.report import proposals
 
 
 def test_small_points_have_three_digits() -> None:
@@ -27,3 +33,15 @@ def test_small_points_have_three_digits() -> None:
     ]
     gain = "+0.0312 points (95 %: -0.2 to +12,346) against the tree by_hand"
     assert best_robot_in_a_sentence(champion) == f"{result}, {gain}."
+
+
+def test_a_broken_plug_in_proposes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The run is finished, so neither a missing module nor an unreadable file is an error."""
+    (tmp_path / "search").mkdir()
+    for name, text in (("gone", "search: {factory: no_such:Thing}"), ("empty", ""), ("bad", "{")):
+        (tmp_path / f"search/{name}.yaml").write_text(text)
+    monkeypatch.setattr("islandgp.running.report.conf_folders", lambda: (tmp_path,))
+    settings = compose("supervisor=baseline").settings
+    lines = [*proposals(settings, {"first": {"complete": None}})]
+    assert [line[:23] for line in lines] == ["Perhaps `start=FILE.bt`"]
+    assert [*proposals(settings, {"first": {"complete": 3}})] == []

@@ -39,7 +39,7 @@ class Named(Written):
 
 def number_text(value: float) -> str:
     """A number without exponent and trailing zeros, `25`, `12.5`, or its name."""
-    if isinstance(value, Named):  # exports put words of keys in quotes of their own
+    if isinstance(value, Named):  # in an export, a word has single quotes
         is_word = value.name.isidentifier() or value.name[:1] == "'"
         return value.name if is_word else f'"{value.name}"'
     if value == int(value):

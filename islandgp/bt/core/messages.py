@@ -95,7 +95,7 @@ def wrong_operand(
 def unknown_constant(
     word: Word, constants: Collection[str], keys: Collection[str] = ()
 ) -> TreeError:
-    """The error for an unknown name of a number; `keys` can stand there, too."""
+    """The error for an unknown name where a number, or one of `keys`, is expected."""
     names = [*word.values, *constants]
     expected = f"a number or a constant that is defined above ({_listing(names)})"
     expected += f", or a key: {_listing(keys)}" * bool(keys)

@@ -193,7 +193,7 @@ WORDS: Final = {
     FailureKind.TOO_LONG: r"too long|context (length|size|window)|maximum context|exceed_context",
     FailureKind.NOT_FOUND: r"model\b.*(not found|does not exist|not exist)|unknown model",
 }
-"""Patterns of errors with the status 400 or 429 that have a kind of their own."""
+"""Patterns in the text of an error with the status 400 or 429, by the kind that they show."""
 
 DAY: Final = 86_400.0  # s, the longest wait that is understood
 STOPS: Final = {"stop": "end_turn", "length": "max_tokens", "content_filter": "refusal"}
