@@ -184,7 +184,7 @@ class _Finder:
             return parallel_outcomes(self._sets, node.args, each)
         inside = self._resumed_outcomes(children[0])
         if node.guard:
-            return machine.guarded(place, inside, fresh=False)
+            return machine.guarded(place, inside) if node.guard.checks_itself else inside
         if kind.delayed:
             failure, success, _ = machine.either(inside, machine.fresh(children[0]))
             return failure, success, ANY_BOARD

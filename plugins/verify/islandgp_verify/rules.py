@@ -17,14 +17,14 @@ from __future__ import annotations
 
 import re
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence, Set
 from dataclasses import dataclass, replace
 from functools import partial
 from math import inf
 from typing import Final, Literal, NamedTuple
 
 from islandgp.bt.analysis.context import root_context
-from islandgp.bt.core.condition import ConditionExpr, condition, terms
+from islandgp.bt.core.condition import ConditionExpr, condition, opposite, terms
 from islandgp.bt.core.engine import compile_tree
 from islandgp.bt.core.kinds import TIMED, is_opaque, kind_of
 from islandgp.bt.core.language import parse
@@ -32,10 +32,10 @@ from islandgp.bt.core.node import ActionArgs, Node, asked_in, keys_in, leaf, wal
 from islandgp.bt.core.parameters import Parameter, bound
 from islandgp.bt.core.vocabulary import Action, Key, Vocabulary, enumeration, flag, number
 from islandgp.errors import TreeError
-from islandgp_verify.boards import ANY_BOARD, NO_BOARD, Boards, BoardSets
+from islandgp_verify.boards import NO_BOARD, Boards, BoardSets
 from islandgp_verify.invariants import boards_of_nodes
-from islandgp_verify.machine import Machine, Memory, SpentError
-from islandgp_verify.moves import ActionCalls, moves
+from islandgp_verify.machine import Machine
+from islandgp_verify.moves import ActionCalls, Memory, Search, SpentError
 
 STEPS: Final = 200_000  # default of the search; takes some seconds
 MAX_CELLS: Final = 2_000  # most classes of blackboards
@@ -179,8 +179,7 @@ def check_rule(tree: Node, rule: Rule, vocabulary: Vocabulary, steps: int = STEP
     for node in machine.nodes:
         if node.kind in TIMED or kind_of(node).reactive or is_opaque(node):
             return _unknown(rule, f": of a tree with a {node.kind} only the guards are examined")
-    machine.steps_left = steps
-    return _explored(machine, rule, forbidden, candidates, vocabulary)
+    return _explored(machine, rule, {*candidates}, vocabulary, steps)
 
 
 def _any(key: Key) -> Key:
@@ -201,57 +200,48 @@ class _MemoryOrigin(NamedTuple):
 
 
 def _explored(
-    machine: Machine, rule: Rule, forbidden: Boards, places: Sequence[int], vocabulary: Vocabulary
+    machine: Machine, rule: Rule, places: Set[int], vocabulary: Vocabulary, steps: int
 ) -> RuleResult:
     """Searches breadth-first for a sequence of ticks that breaks the rule."""
-    cells, is_complete = _cells(machine)
+    search = Search(machine, steps)
+    cells, is_complete = _cells(machine, rule)
+    boards = [board for cell in cells if (board := machine.sets.pick(cell)) is not None]
+    breaks = [condition(rule.condition, board, vocabulary.key_index)() for board in boards]
     origins: dict[Memory | None, _MemoryOrigin | None] = {None: None}
     waiting: deque[Memory | None] = deque([None])
-    doubtful = False
     try:
         while waiting:
             memory = waiting.popleft()
-            origin = origins[memory]
-            near = () if origin is None else origin.board
-            for place in places:
-                target = machine.target(place)
-                boards = machine.sets.both(machine.reach(memory, target), forbidden)
-                if (board := machine.sets.pick(boards, near)) is None:
-                    continue
-                move = next(moves(machine, memory, board, target), None)
-                if move is not None:
-                    course = [*_back(origins, memory), (board, move.calls)]
-                    ticks = _ticks(machine.nodes[0], vocabulary, rule, course)
-                    why = f"in {len(ticks)} tick{'s' * (len(ticks) > 1)}"
-                    return RuleResult(rule, "refuted", why, ticks, place)
-                doubtful = True
-            for board in cells:
-                for move in moves(machine, memory, board):
+            for board, is_forbidden in zip(boards, breaks, strict=True):
+                for move in search.moves(memory, board):
+                    called = [place for place, _ in move.calls if place in places]
+                    if is_forbidden and called:
+                        course = [*_back(origins, memory), (board, move.calls)]
+                        ticks = _ticks(machine.nodes[0], vocabulary, rule, course)
+                        why = f"in {len(ticks)} tick{'s' * (len(ticks) > 1)}"
+                        return RuleResult(rule, "refuted", why, ticks, called[0])
                     if move.memory not in origins:
                         origins[move.memory] = _MemoryOrigin(memory, board, move.calls)
                         waiting.append(move.memory)
     except SpentError:
         return _unknown(rule, f" in {len(origins):,} states of the tree; give more --steps")
-    if doubtful or not is_complete or not machine.sets.exact:
+    if not is_complete or not machine.sets.exact:
         return _unknown(rule, ": its conditions distinguish too many blackboards")
     return RuleResult(
         rule, "proven", f"no tick breaks it in any of {len(origins):,} states of the tree"
     )
 
 
-def _cells(machine: Machine) -> tuple[list[list[float]], bool]:
-    """A blackboard of each class that the guards distinguish, and whether the list is complete."""
-    sets, cells = machine.sets, [ANY_BOARD]
+def _cells(machine: Machine, rule: Rule) -> tuple[list[Boards], bool]:
+    """The classes of blackboards that the rule and the guards distinguish; whether they are all."""
+    sets = machine.sets
+    cells = [sets.of(rule.condition), sets.of(opposite(rule.condition))]
     for place, holds in machine.holds.items():
         halves = ((sets.both(c, holds), sets.both(c, machine.fails[place])) for c in cells)
         cells = list(dict.fromkeys(half for pair in halves for half in pair if half != NO_BOARD))
         if len(cells) > MAX_CELLS:
-            return _picked(sets, cells[:MAX_CELLS]), False
-    return _picked(sets, cells), True
-
-
-def _picked(sets: BoardSets, cells: Sequence[Boards]) -> list[list[float]]:
-    return [board for cell in cells if (board := sets.pick(cell)) is not None]
+            return cells[:MAX_CELLS], False
+    return cells, True
 
 
 def _back(

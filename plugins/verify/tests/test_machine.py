@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterator
-from itertools import islice, product
 
 import pytest
 from every_tick import all_boards, every_tick
@@ -16,12 +14,8 @@ from islandgp.bt.core.node import Node, guard_of, walk
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp_verify.boards import NO_BOARD, BoardSets
 from islandgp_verify.invariants import boards_of_nodes
-from islandgp_verify.machine import (
-    Machine,
-    Memory,
-    SpentError,
-)
-from islandgp_verify.moves import moves
+from islandgp_verify.machine import Machine
+from islandgp_verify.moves import Memory, Search, SpentError
 from tests.bt.stage import short_tree
 from tests.profiles import examples
 from tests.strategies import few_numbers, nodes
@@ -30,35 +24,25 @@ MOST_TICKS = 4_000
 
 
 def machine_of(tree: Node) -> Machine:
-    """A machine with the island's vocabulary and no practical limit of steps."""
-    machine = Machine(tree, VOCABULARY, BoardSets(VOCABULARY.keys))
-    machine.steps_left = 10**9
-    return machine
-
-
-def states(machine: Machine, boards: list[list[float]]) -> Iterator[Memory | None]:
-    """All that the root can remember."""
-    reached: set[Memory | None] = {None}
-    waiting: deque[Memory | None] = deque([None])
-    while waiting:
-        memory = waiting.popleft()
-        yield memory
-        for board in boards:
-            for move in moves(machine, memory, board):
-                if move.memory not in reached:
-                    reached.add(move.memory)
-                    waiting.append(move.memory)
+    """A machine with the island's vocabulary."""
+    return Machine(tree, VOCABULARY, BoardSets(VOCABULARY.keys))
 
 
 def reached(machine: Machine, boards: list[list[float]]) -> set[tuple[int, int]]:
-    """The actions that a machine ticks, by place, with the index of the blackboard."""
-    return {
-        (place, index)
-        for memory in states(machine, boards)
-        for index, board in enumerate(boards)
-        for move in moves(machine, memory, board)
-        for place, _ in move.calls
-    }
+    """The actions that a machine ticks in any state, by place, with the index of the blackboard."""
+    search = Search(machine, 10**9)
+    ticked: set[tuple[int, int]] = set()
+    memories: set[Memory | None] = {None}
+    waiting: deque[Memory | None] = deque([None])
+    while waiting:
+        memory = waiting.popleft()
+        for index, board in enumerate(boards):
+            for move in search.moves(memory, board):
+                ticked |= {(place, index) for place, _ in move.calls}
+                if move.memory not in memories:
+                    memories.add(move.memory)
+                    waiting.append(move.memory)
+    return ticked
 
 
 def compare(tree: Node) -> tuple[int, int]:
@@ -99,36 +83,6 @@ def test_all_ticks_are_those_of_the_engine(tree: Node) -> None:
 def test_all_ticks_of_many_trees_are_those_of_the_engine(tree: Node) -> None:
     """The same for more and larger trees."""
     compare(tree)
-
-
-@examples(max_examples=40, deadline=None)
-@given(
-    nodes(
-        few_numbers(),
-        always=False,
-        max_leaves=5,
-        max_repeats=2,
-        timed=False,
-        nav2=False,
-        if_else=False,
-    )
-)
-def test_ticks_that_reach_an_action(tree: Node) -> None:
-    """`reach` gives the blackboards of such ticks, and `moves` finds these ticks.
-
-    Not of timed trees: `moves` has no clock, and `check_rule` does not search for ticks of them.
-    """
-    boards = all_boards(tree, VOCABULARY)
-    assume(len(boards) <= 8)
-    machine = machine_of(tree)
-    for memory, board in product(islice(states(machine, boards), 8), boards):
-        every = list(moves(machine, memory, board))
-        for place in machine.statuses:
-            target = machine.target(place)
-            expected = [move for move in every if place in dict(move.calls)]
-            reaching = list(moves(machine, memory, board, target))
-            assert {move.calls for move in reaching} == {move.calls for move in expected}
-            assert machine.sets.has(machine.reach(memory, target), board) == bool(expected)
 
 
 def never_on(text: str, action: str, condition: str) -> bool:
@@ -189,8 +143,7 @@ def test_no_proofs(text: str, action: str, condition: str) -> None:
 
 
 def test_work_is_bounded() -> None:
-    """A machine with no steps left refuses to go on."""
-    machine = machine_of(parse("parallel { PatrolWaypoint SeekCharger }"))
-    machine.steps_left = 3
+    """A search with no steps left refuses to go on."""
+    search = Search(machine_of(parse("parallel { PatrolWaypoint SeekCharger }")), 3)
     with pytest.raises(SpentError):
-        list(moves(machine, None, [0.0] * 5))
+        list(search.moves(None, [0.0] * 5))
