@@ -104,20 +104,6 @@ def api() -> str:
     return "\n".join(lines)
 
 
-def gallery() -> str:
-    """The study's figures, the paper's first."""
-    lines = ["# Figures of the study\n\n[The results](studies/paper/README.md) read them.\n"]
-    for file in sorted((STUDIES / "paper" / "results" / "figures").glob("*.png"), key=_in_order):
-        name = file.stem.replace("-", " ").capitalize()
-        lines.append(f"\n## {name}\n\n![{name}](studies/paper/results/figures/{file.name})\n")
-    return "".join(lines)
-
-
-def _in_order(file: Path) -> tuple[bool, int, str]:
-    number = re.search(r"\d+", file.stem)
-    return number is None, int(number[0]) if number else 0, file.stem
-
-
 def replay(file: Path) -> str:
     """The page of the replay; the recording is written to `file`."""
     from islandgp.cli import islandgp as command
@@ -136,7 +122,6 @@ def replay(file: Path) -> str:
 GENERATED: dict[str, Callable[[], str]] = {
     "configuration.md": lambda: page(chapters()),
     "api.md": api,
-    "gallery.md": gallery,
     "episode.md": lambda: replay(SITE_PAGES / "all_rounder.html"),
 }
 
