@@ -11,7 +11,7 @@ from benchmarks.pinned import endless, example, points, settings
 from benchmarks.turns import medians, ratio, turns
 from islandgp.domains.island.episode import run_episode
 from islandgp.domains.island.schedule import draw_schedule
-from islandgp.domains.island.space import build_space
+from islandgp.domains.island.space import space_at_start
 from islandgp.domains.island.world import IslandWorld
 
 SEEDS: Final = {Effort.TINY: 1, Effort.QUICK: 3, Effort.FULL: 6}
@@ -70,7 +70,7 @@ def episode_of(world: IslandWorld, seed: int) -> Callable[[], object]:
 
 def _bare(world: IslandWorld, seed: int, steps: int) -> Callable[[], object]:
     """The same space with everybody in motion, and nobody who looks."""
-    physics = build_space(world, draw_schedule(world, seed))
+    physics = space_at_start(world, draw_schedule(world, seed))
     robot = physics.bodies[0]
     for shape in robot.shapes:
         shape.elasticity = 1.0

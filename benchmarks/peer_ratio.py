@@ -13,7 +13,6 @@ from benchmarks.pinned import STAGE, example, points, setting, settings
 from benchmarks.turns import medians, ratio, turns
 from islandgp.bt.core.language import to_text
 from islandgp.domains.island.episode import run_episode
-from islandgp.domains.island.events import IslandEvent
 from islandgp.domains.island.world import IslandWorld
 from islandgp.evaluation.base import Job, Problem
 from islandgp.evaluation.processes import Processes, cores
@@ -100,7 +99,7 @@ def _singles(effort: Effort, world: IslandWorld) -> tuple[list[tuple[float, ...]
     for seed in range(SINGLE[effort]):
         peer = run_peer_episode(tree, world, seed, award)
         kinds = [event for _, event, _ in run_episode(tree, world, seed, award).events]
-        for i, event in enumerate((IslandEvent.PICKUP, IslandEvent.DELIVERY)):
+        for i, event in enumerate(("pickup", "delivery")):
             theirs[i] += peer.counts.get(event, 0)
             ours[i] += kinds.count(event)
         sides = [partial(run, tree, world, seed, award) for run in (run_peer_episode, run_episode)]

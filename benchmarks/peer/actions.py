@@ -10,7 +10,6 @@ from pymunk import Vec2d
 
 from benchmarks.peer.island import Island, Item
 from islandgp.domains.island.behaviour import AIM_EVERY
-from islandgp.domains.island.events import IslandEvent
 
 
 class Action(Behaviour):
@@ -52,7 +51,7 @@ class PickupGarbage(Action):
             return Status.FAILURE
         island.take(item)
         island.load += 1
-        island.act(IslandEvent.PICKUP, 1)
+        island.act("pickup", 1)
         return Status.SUCCESS
 
 
@@ -91,7 +90,7 @@ class ExecuteCharge(Action):
             return Status.SUCCESS
         if island.spent >= robot.charge_again:
             island.spent = 0.0
-            island.act(IslandEvent.CHARGE, island.battery)
+            island.act("charge", island.battery)
         island.acted = island.charging = True
         return Status.RUNNING
 
@@ -122,7 +121,7 @@ class MoveToHumanoid(Action):
             amount = min(int(island.carried[h]), room)
             island.carried[h] -= amount
             island.load += amount
-            island.act(IslandEvent.INTERACTION, amount)
+            island.act("interaction", amount)
             return Status.SUCCESS
         if island.step >= self.aim_end or (island.at - self.aim).length < island.stride:
             self.aim = island.people[h].position
@@ -145,12 +144,12 @@ class DeliverToClearingPoint(Action):
         if not island.drive_to(x, y, island.world.robot.station_reach):
             return Status.RUNNING
         if island.load > 0:
-            island.act(IslandEvent.DELIVERY, island.load)
+            island.act("delivery", island.load)
             island.load = 0
             return Status.SUCCESS
         if island.fined_at != self.point:
             island.fined_at = self.point
-            island.act(IslandEvent.EMPTY_DELIVERY, 1)
+            island.act("empty_delivery", 1)
         return Status.FAILURE
 
 

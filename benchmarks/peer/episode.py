@@ -15,7 +15,7 @@ from benchmarks.peer.actions import ACTIONS
 from benchmarks.peer.island import Island
 from islandgp.bt.core.node import Node
 from islandgp.bt.export.py_trees import to_python
-from islandgp.domains.island.events import Award, IslandEvent
+from islandgp.domains.island.events import Award
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.domains.island.world import IslandWorld
 
@@ -25,7 +25,7 @@ class PeerEpisode:
     """What happened."""
 
     fitness: float  # points
-    counts: dict[IslandEvent, int]  # events by kind
+    counts: dict[str, int]  # events by kind
     steps: int
 
 
@@ -57,7 +57,7 @@ def run_peer_episode(tree: Node, world: IslandWorld, seed: int, award: Award) ->
         root.tick()
         island.turn_wheels()
         island.pass_time()
-    island.log(IslandEvent.LEFTOVER, len(island.garbage))
+    island.log("leftover", len(island.garbage))
     counts = Counter(event for _, event, _ in island.event_log.events)
     return PeerEpisode(island.event_log.fitness, dict(counts), island.step)
 
@@ -66,7 +66,7 @@ def _over(island: Island) -> bool:
     """Whether the episode has come to an end."""
     limits, event_log, dt = island.world.episode, island.event_log, island.dt
     if island.battery <= 1e-9:
-        island.log(IslandEvent.SHUTDOWN, 1)
+        island.log("shutdown", 1)
         return True
     low = island.battery < limits.low_battery
     patience = limits.stagnation_low_battery if low else limits.stagnation

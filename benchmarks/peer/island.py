@@ -7,11 +7,11 @@ from math import hypot
 import numpy as np
 from pymunk import Vec2d
 
-from islandgp.domains.island.events import Award, IslandEvent, IslandEventLog
+from islandgp.domains.island.events import Award, IslandEventLog
 from islandgp.domains.island.fields import ROCK
 from islandgp.domains.island.motion import next_leg
 from islandgp.domains.island.schedule import draw_schedule
-from islandgp.domains.island.space import build_space
+from islandgp.domains.island.space import space_at_start
 from islandgp.domains.island.world import ROCK_MARGIN, IslandWorld, Point
 
 
@@ -30,7 +30,7 @@ class Island:
     def __init__(self, world: IslandWorld, seed: int, award: Award) -> None:
         self.world = world
         self.schedule = draw_schedule(world, seed)
-        self.physics = build_space(world, self.schedule)
+        self.physics = space_at_start(world, self.schedule)
         self.robot, *self.people = self.physics.bodies
         self.event_log = IslandEventLog(award)
         self.garbage = [
@@ -57,11 +57,11 @@ class Island:
         self.idle = self.patrol_steps = 0
         self.rewarded = -1  # last stretch of patrol with a discovery
 
-    def log(self, event: IslandEvent, amount: float) -> None:
+    def log(self, event: str, amount: float) -> None:
         """Writes an event down."""
         self.event_log.log(self.step, event, amount)
 
-    def act(self, event: IslandEvent, amount: float) -> None:
+    def act(self, event: str, amount: float) -> None:
         """A non-movement action."""
         self.log(event, amount)
         self.acted = True
@@ -136,7 +136,7 @@ class Island:
         self.step += 1
         contacts = self.physics.contacts
         for _ in range(contacts.table[1]):
-            self.log(IslandEvent.COLLISION, 1)
+            self.log("collision", 1)
         contacts.table[1] = 0
         for h in sorted(contacts.touching):
             self.leg = None
@@ -177,16 +177,16 @@ class Island:
         self.idle += 1
         second = round(1 / self.dt)
         if self.idle % second == 0:
-            self.log(IslandEvent.IDLE, self.idle / second)
+            self.log("idle", self.idle / second)
 
     def _discover(self, things: int) -> None:
         if not self.patrolling:
             return
-        self.log(IslandEvent.DISCOVERY, things)
+        self.log("discovery", things)
         stretch = int(self.patrol_steps * self.stride / self.world.robot.patrol_segment)
         if stretch > self.rewarded:
             self.rewarded = stretch
-            self.log(IslandEvent.PATROL, 1)
+            self.log("patrol", 1)
 
     def _lay_out(self) -> None:
         """The garbage as arrays, rebuilt whenever an item comes or goes."""

@@ -218,7 +218,7 @@ def _seem_shared(survey: Survey) -> Iterator[str]:
 
     def ticks(*names: str) -> list[Hashable]:
         """What happens with actions at once, behind those that come before them."""
-        before = dict.fromkeys(other for name in names for other in actions[name].after)
+        before = [other for other in actions if any(other in actions[n].after for n in names)]
         at_once = Node("parallel", ParallelArgs("all", "all"), tuple(map(leaf, names)))
         tree = sequence(*map(leaf, before), at_once)
         record = _Ticks(tree, survey.domain.schema)

@@ -6,6 +6,7 @@ This is the only module that uses private names of pymunk. They take bodies and 
 from __future__ import annotations
 
 import sys
+from typing import Any, Final
 
 import pymunk
 from llvmlite import binding, ir
@@ -31,8 +32,15 @@ for _name in (
 ):
     binding.add_symbol(_name, int(ffi.cast("uintptr_t", ffi.addressof(lib, _name))))
 
-_DOUBLE, _ADDRESS = ir.DoubleType(), ir.IntType(8).as_pointer()
-_VECTOR = types.UniTuple(types.float64, 2)
+_VECTOR: Final = types.UniTuple(types.float64, 2)
+_OF_VECTOR: Final = types.void(types.int64, types.float64, types.float64)
+
+step_space: Final = types.ExternalFunction("cpSpaceStep", types.void(types.int64, types.float64))
+"""cpSpaceStep(space, dt)."""
+steer: Final = types.ExternalFunction("cpBodySetVelocity", _OF_VECTOR)
+"""cpBodySetVelocity(body, {x, y}); a vector is passed as two numbers."""
+place: Final = types.ExternalFunction("cpBodySetPosition", _OF_VECTOR)
+"""cpBodySetPosition(body, {x, y})."""
 
 
 def address(thing: pymunk.Space | pymunk.Body) -> int:
@@ -41,62 +49,23 @@ def address(thing: pymunk.Space | pymunk.Body) -> int:
     return int(ffi.cast("uintptr_t", held))
 
 
-def _call(builder, result, name, values):
-    """Emits a call of Chipmunk's function `name`; the first of `values` is an address."""
-    values = [builder.inttoptr(values[0], _ADDRESS), *values[1:]]
-    kind = ir.FunctionType(result, [value.type for value in values])
-    return builder.call(cgutils.get_or_insert_function(builder.module, kind, name), values)
-
-
-def _function(name, *kinds):
-    """Chipmunk's function `name`, which takes an address and numbers, and returns nothing.
-
-    A vector is passed as two numbers.
-    """
-
-    def code(context, builder, _signature, args):
-        _call(builder, ir.VoidType(), name, args)
-        return context.get_dummy_value()
-
-    return types.void(types.int64, *kinds), code
-
-
-@intrinsic
-def step_space(_typing, _space, _dt):
-    """cpSpaceStep(space, dt)."""
-    return _function("cpSpaceStep", types.float64)
-
-
-@intrinsic
-def steer(_typing, _body, _x, _y):
-    """cpBodySetVelocity(body, {x, y})."""
-    return _function("cpBodySetVelocity", types.float64, types.float64)
-
-
-@intrinsic
-def place(_typing, _body, _x, _y):
-    """cpBodySetPosition(body, {x, y})."""
-    return _function("cpBodySetPosition", types.float64, types.float64)
-
-
-def _vector(name):
+def _vector(name: str) -> Any:
     """Chipmunk's function `name`, which returns a vector of a body."""
 
-    def code(context, builder, signature, args):
-        vector = _call(builder, ir.LiteralStructType([_DOUBLE, _DOUBLE]), name, args)
-        values = [builder.extract_value(vector, i) for i in range(2)]
-        return context.make_tuple(builder, signature.return_type, values)
+    @intrinsic
+    def read(_typing, _body):
+        def code(context, builder, signature, args):
+            double = ir.DoubleType()
+            kind = ir.FunctionType(ir.LiteralStructType([double, double]), [ir.IntType(64)])
+            function = cgutils.get_or_insert_function(builder.module, kind, name)
+            vector = builder.call(function, args)
+            values = [builder.extract_value(vector, i) for i in range(2)]
+            return context.make_tuple(builder, signature.return_type, values)
 
-    return _VECTOR(types.int64), code
+        return _VECTOR(types.int64), code
+
+    return read
 
 
-@intrinsic
-def position(_typing, _body):
-    """cpBodyGetPosition(body)."""
-    return _vector("cpBodyGetPosition")
-
-
-@intrinsic
-def velocity(_typing, _body):
-    """cpBodyGetVelocity(body)."""
-    return _vector("cpBodyGetVelocity")
+position: Final = _vector("cpBodyGetPosition")
+velocity: Final = _vector("cpBodyGetVelocity")

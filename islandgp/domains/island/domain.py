@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from copy import copy
 from dataclasses import replace
-from traceback import walk_tb
 from typing import TYPE_CHECKING, ClassVar, Final, Self
 
 from pydantic import BaseModel
@@ -25,23 +24,22 @@ from islandgp.domain import (
 )
 from islandgp.domain.rewards import worth
 from islandgp.domains.island import world as settings
-from islandgp.domains.island.events import Episode, IslandEvent
+from islandgp.domains.island.events import EVENTS, Episode
 from islandgp.domains.island.schedule import obstacles
 from islandgp.domains.island.vocabulary import ACTIONS, SCHEMA, IslandAction
 from islandgp.errors import DomainError
-from islandgp.time_limit import Overdue
 
 if TYPE_CHECKING:
     from islandgp.domains.island.state import State
 
 EARNED_BY: Final[Mapping[str, str]] = {
-    IslandEvent.PICKUP: "PickupGarbage",
-    IslandEvent.INTERACTION: "MoveToHumanoid",
-    IslandEvent.CHARGE: "ExecuteCharge",
-    IslandEvent.DELIVERY: "DeliverToClearingPoint",
-    IslandEvent.EMPTY_DELIVERY: "DeliverToClearingPoint",
-    IslandEvent.PATROL: "PatrolWaypoint",
-    IslandEvent.DISCOVERY: "PatrolWaypoint",
+    "pickup": "PickupGarbage",
+    "interaction": "MoveToHumanoid",
+    "charge": "ExecuteCharge",
+    "delivery": "DeliverToClearingPoint",
+    "empty_delivery": "DeliverToClearingPoint",
+    "patrol": "PatrolWaypoint",
+    "discovery": "PatrolWaypoint",
 }
 """The action to which an event's points are credited; other events have no action."""
 
@@ -108,27 +106,12 @@ class Island:
         """See `Domain`. Compiles the engine, or loads its machine code."""
         from islandgp.domains.island.episode import compile_engine  # numba takes half a second
 
-        compile_engine(self.world, self.actions is not ACTIONS)
+        compile_engine(self.world)
 
     def run_episode(
         self, tree: Node, seed: int, weights: Mapping[str, float], observer: Observer | None = None
     ) -> Outcome:
         """See `Domain`. With an observer the tree is ticked in every step."""
-        try:
-            return self._run(tree, seed, weights, observer)
-        except Overdue as late:
-            late.action = late.action or self._action_in(late)
-            raise
-
-    def _action_in(self, late: Overdue) -> str:
-        """The action in whose function the error was raised, or ""."""
-        names = {getattr(act, "__code__", None): name for name, act in self.actions.items()}
-        names_found = (names.get(frame.f_code, "") for frame, _ in walk_tb(late.__traceback__))
-        return next(filter(None, names_found), "")
-
-    def _run(
-        self, tree: Node, seed: int, weights: Mapping[str, float], observer: Observer | None
-    ) -> Outcome:
         from islandgp.domains.island.episode import run_episode  # numba takes half a second
 
         value = worth(self.rewards, weights)
@@ -136,10 +119,10 @@ class Island:
         sensors = None if self.faults is None else self.faults.sensors(keys, seed)
         fixed = self._fixed() if observer is not None and wants_scenes(observer) else None
 
-        def award(event: IslandEvent, amount: float) -> tuple[str, float]:
+        def award(event: str, amount: float) -> tuple[str, float]:
             component, points = value(event, amount)
             if component and observer is not None:
-                observer.credit(component, points, event.value, EARNED_BY.get(event, ""))
+                observer.credit(component, points, event, EARNED_BY.get(event, ""))
             return component, points
 
         def observe(island: State) -> None:
@@ -161,28 +144,28 @@ class Island:
         return self._outcome(episode)
 
     def _outcome(self, episode: Episode) -> Outcome:
-        counts = dict.fromkeys(IslandEvent, 0.0)
-        sums = dict.fromkeys(IslandEvent, 0.0)
+        counts = dict.fromkeys(EVENTS, 0.0)
+        sums = dict.fromkeys(EVENTS, 0.0)
         for _, event, amount in episode.events:
             counts[event] += 1
             sums[event] += amount
         return Outcome(
             components={**dict.fromkeys(self.schema.components, 0.0), **episode.points},
             counters={
-                "pickups": counts[IslandEvent.PICKUP],
-                "interactions": counts[IslandEvent.INTERACTION],
-                "deliveries": counts[IslandEvent.DELIVERY],
-                "charges": counts[IslandEvent.CHARGE],
-                "gathered": sums[IslandEvent.PICKUP] + sums[IslandEvent.INTERACTION],
-                "delivered": sums[IslandEvent.DELIVERY],
-                "collisions": counts[IslandEvent.COLLISION],
+                "pickups": counts["pickup"],
+                "interactions": counts["interaction"],
+                "deliveries": counts["delivery"],
+                "charges": counts["charge"],
+                "gathered": sums["pickup"] + sums["interaction"],
+                "delivered": sums["delivery"],
+                "collisions": counts["collision"],
                 "distance": episode.distance,
                 "inactive": episode.inactive,
                 "laps": float(episode.laps),
                 "battery": episode.battery,
             },
             seconds=episode.steps * self.step_s,
-            endings=(episode.ending.value,),
+            endings=(episode.ending,),
         )
 
     def _fixed(self) -> tuple[Shape, ...]:

@@ -4,35 +4,28 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Callable, Mapping
-from functools import partial
+from functools import cache, partial
 
 from islandgp.bt.core.engine import compile_tree
 from islandgp.bt.core.kinds import needs_each_tick
 from islandgp.bt.core.node import compares_keys, thresholds, walk
 from islandgp.domain import FAILURE, Node, Sensors
 from islandgp.domains.island import engine
-from islandgp.domains.island.events import Award, Ending, Episode, IslandEvent
+from islandgp.domains.island.events import Award, Episode
 from islandgp.domains.island.state import State
 from islandgp.domains.island.vocabulary import ACTIONS, VOCABULARY, IslandAction
 from islandgp.domains.island.world import MICRO, IslandWorld
 from islandgp.leaves import status_of
+from islandgp.time_limit import Overdue
 
 
-def compile_engine(world: IslandWorld, drives: bool) -> None:
-    """Compiles the functions that an episode calls, or loads their machine code.
-
-    Args:
-        world: any settings.
-        drives: True: also what `State.drive` calls, which only a user's actions do.
-    """
-    functions = [engine.proceed, engine.act, *([engine.drive] if drives else [])]
-    if all(function.signatures for function in functions):
-        return
+@cache
+def compile_engine(world: IslandWorld) -> None:
+    """Compiles the functions that an episode calls, or loads their machine code."""
     island = State(world, 0, lambda _event, _amount: ("", 0.0))
     engine.proceed(island.record, FAILURE)
     island.perform(0, True)
-    if drives:
-        island.drive(0, 0, 1)
+    island.drive(0, 0, 1)
 
 
 def run_episode(
@@ -89,7 +82,7 @@ def run_episode(
                 ticks += 1
                 if observe is not None:
                     observe(island)
-        island.spaces.append(island.physics)
+        island.physics.idle.append(island.physics)
         if task == engine.ENDED:
             return _outcome(island, ticks)
         may_coast = False  # two contacts of one body: the episode is repeated
@@ -115,7 +108,11 @@ def _bound_actions(
 
 def _checked(name: str, action: IslandAction, island: State, fresh: bool) -> int:
     """Calls a user's action. Raises DomainError if it returns no status."""
-    return status_of(action(island, fresh), name, action)
+    try:
+        return status_of(action(island, fresh), name, action)
+    except Overdue as late:
+        late.action = late.action or name
+        raise
 
 
 def _shared(leaf: Callable[[bool], int], island: State, fresh: bool) -> int:
@@ -127,9 +124,9 @@ def _shared(leaf: Callable[[bool], int], island: State, fresh: bool) -> int:
 def _outcome(island: State, ticks: int) -> Episode:
     """Records the last events; returns the episode's outcome."""
     ending = _ending(island)
-    if ending is Ending.SHUTDOWN:
-        island.log(IslandEvent.SHUTDOWN, 1)
-    island.log(IslandEvent.LEFTOVER, int(island.garbage["present"].sum()))
+    if ending == "shutdown":
+        island.log("shutdown", 1)
+    island.log("leftover", int(island.garbage["present"].sum()))
     step = island.world.episode.step
     return Episode(
         events=tuple(island.event_log.events),
@@ -145,11 +142,11 @@ def _outcome(island: State, ticks: int) -> Episode:
     )
 
 
-def _ending(island: State) -> Ending:
+def _ending(island: State) -> str:
     """The reason for the end of the episode."""
     if island.battery <= 0:
-        return Ending.SHUTDOWN
+        return "shutdown"
     if island.step >= island.length:
-        return Ending.TIME
+        return "time"
     start = island.negative_since
-    return Ending.NEGATIVE if 0 <= start <= island.step - island.negative else Ending.STAGNATION
+    return "negative" if 0 <= start <= island.step - island.negative else "stagnation"

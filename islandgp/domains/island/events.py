@@ -4,34 +4,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Final
 
+from islandgp.domains.island.vocabulary import SCHEMA
 
-class IslandEvent(StrEnum):
-    """Events that can earn points (Table 3); their amounts are described in `vocabulary`."""
-
-    PICKUP = "pickup"
-    INTERACTION = "interaction"
-    CHARGE = "charge"
-    SHUTDOWN = "shutdown"
-    DELIVERY = "delivery"
-    EMPTY_DELIVERY = "empty_delivery"
-    PATROL = "patrol"
-    DISCOVERY = "discovery"
-    IDLE = "idle"
-    COLLISION = "collision"
-    LEFTOVER = "leftover"
-
-
-EVENTS: Final = tuple(IslandEvent)
+EVENTS: Final = tuple(SCHEMA.events)
 (
     PICKUP, INTERACTION, CHARGE, SHUTDOWN, DELIVERY, EMPTY_DELIVERY, PATROL, DISCOVERY, IDLE,
     COLLISION, LEFTOVER,
 ) = range(len(EVENTS))  # fmt: skip
-"""The events as numbers, for compiled functions."""
+"""The events of `vocabulary` as numbers, for compiled functions."""
 
-Award = Callable[[IslandEvent, float], tuple[str, float]]
+Award = Callable[[str, float], tuple[str, float]]
 """(event, amount) -> (component of the fitness, or "", points)."""
 
 
@@ -42,14 +26,14 @@ class IslandEventLog:
 
     def __init__(self, award: Award) -> None:
         self.award = award
-        self.events: list[tuple[int, IslandEvent, float]] = []  # (step, event, amount)
+        self.events: list[tuple[int, str, float]] = []  # (step, event, amount)
         self.fitness = 0.0
         self.points: dict[str, float] = {}  # by component
         self.best = 0.0  # highest fitness so far
         self.best_step = 0  # step at which it was reached
         self.negative_since = -1  # step since which fitness is below 0, or -1
 
-    def log(self, step: int, event: IslandEvent, amount: float) -> None:
+    def log(self, step: int, event: str, amount: float) -> None:
         """Records an event and adds its points."""
         self.events.append((step, event, float(amount)))
         component, points = self.award(event, amount)
@@ -65,22 +49,13 @@ class IslandEventLog:
             self.negative_since = step
 
 
-class Ending(StrEnum):
-    """Reason for the end of an episode."""
-
-    TIME = "time"  # 420 s are over
-    STAGNATION = "stagnation"  # no better fitness for 120 s (180 s with a low battery)
-    NEGATIVE = "negative"  # fitness below zero for 60 s
-    SHUTDOWN = "shutdown"  # the battery is empty
-
-
 @dataclass(frozen=True, slots=True)
 class Episode:
     """The outcome of an episode."""
 
-    events: tuple[tuple[int, IslandEvent, float], ...]  # (step, event, amount), in order
+    events: tuple[tuple[int, str, float], ...]  # (step, event, amount), in order
     steps: int  # simulated steps, >= 1
-    ending: Ending
+    ending: str  # one of `SCHEMA.endings`
     fitness: float  # points of all events
     points: Mapping[str, float]  # by component, of those that earned some
     battery: float  # % at the end

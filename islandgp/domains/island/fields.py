@@ -23,7 +23,7 @@ ITEM: Final = _record(("present discovered",), ("x y",))  # of garbage
 TURN: Final = _record(("step humanoid",), ("vx vy",))
 ROCK: Final = _record((), ("x y radius",))
 STATION: Final = _record((), ("x y",))
-EVENT: Final = _record(("step kind",), ("amount",))  # kind: index in IslandEvent
+EVENT: Final = _record(("step kind",), ("amount",))  # kind: index in events.EVENTS
 
 EPISODE: Final = _record(
     whole=(

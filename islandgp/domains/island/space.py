@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Iterable
 from dataclasses import dataclass
-from enum import IntEnum
 from functools import lru_cache
 
 import numpy as np
@@ -23,14 +22,7 @@ from islandgp.domains.island.world import WALL, IslandWorld
 
 ROBOT_MASS, HUMANOID_MASS = 50.0, 70.0  # kg
 HUMANOID_GROUP = 1  # shapes of one group do not collide
-
-
-class CollisionType(IntEnum):
-    """Chipmunk's collision types."""
-
-    ROBOT = 1
-    HUMANOID = 2
-    STATIC = 3
+ROBOT, HUMANOID, STATIC = 1, 2, 3  # Chipmunk's collision types
 
 
 class Contacts:
@@ -71,6 +63,7 @@ class Space:
     space: pymunk.Space  # to which the robot was added first, then the humanoids in their order
     movers: tuple[tuple[pymunk.Body, pymunk.Shape], ...]
     contacts: Contacts
+    idle: list[Space]  # to which it is added when its episode has ended
 
     @property
     def bodies(self) -> list[pymunk.Body]:
@@ -97,8 +90,17 @@ def idle_spaces(
     return []
 
 
-def build_space(world: IslandWorld, schedule: Schedule) -> Space:
-    """A fresh space at step 0."""
+def space_at_start(world: IslandWorld, schedule: Schedule) -> Space:
+    """A space at step 0: that of an ended episode in such a world, or a new one."""
+    idle = idle_spaces(world, schedule.obstacles, len(schedule.humanoids))
+    space = idle.pop() if idle else _built(world, schedule, idle)
+    motion = schedule.humanoids[["x", "y", "vx", "vy"]].tolist()
+    space.reset([(*world.start, 0.0, 0.0), *motion])
+    return space
+
+
+def _built(world: IslandWorld, schedule: Schedule, idle: list[Space]) -> Space:
+    """A new space; `idle` gets it after its episode."""
     space, contacts = pymunk.Space(), Contacts(len(schedule.humanoids))
     corners = [(-WALL, -WALL), (world.side + WALL, -WALL)]
     corners += [(world.side + WALL, world.side + WALL), (-WALL, world.side + WALL)]
@@ -109,30 +111,22 @@ def build_space(world: IslandWorld, schedule: Schedule) -> Space:
     static += [pymunk.Circle(space.static_body, r, (x, y)) for x, y, r in schedule.obstacles]
     for i, shape in enumerate(static):
         shape.elasticity = 1.0
-        shape.collision_type = CollisionType.STATIC
+        shape.collision_type = STATIC
         contacts.index[shape] = -1 - i
     space.add(*static)
-
     robot = pymunk.Body(ROBOT_MASS, float("inf"))
-    robot.position = world.start
     hull = pymunk.Circle(robot, world.robot.radius)
-    hull.collision_type = CollisionType.ROBOT
-    space.add(robot, hull)
-
+    hull.collision_type = ROBOT
     movers: list[tuple[pymunk.Body, pymunk.Shape]] = [(robot, hull)]
-    for i, start in enumerate(schedule.humanoids):
+    for i in range(len(schedule.humanoids)):
         body = pymunk.Body(HUMANOID_MASS, float("inf"))
-        body.position = (float(start["x"]), float(start["y"]))
-        body.velocity = (float(start["vx"]), float(start["vy"]))
         shape = pymunk.Circle(body, world.humanoids.radius)
         shape.elasticity = 1.0
-        shape.collision_type = CollisionType.HUMANOID
+        shape.collision_type = HUMANOID
         shape.filter = pymunk.ShapeFilter(group=HUMANOID_GROUP)
-        space.add(body, shape)
         contacts.index[shape] = i
         movers.append((body, shape))
-    for kind in (CollisionType.HUMANOID, CollisionType.STATIC):
-        space.on_collision(
-            CollisionType.ROBOT, kind, begin=contacts.begin, separate=contacts.separate
-        )
-    return Space(space, tuple(movers), contacts)
+    space.add(*(thing for mover in movers for thing in mover))
+    for kind in (HUMANOID, STATIC):
+        space.on_collision(ROBOT, kind, begin=contacts.begin, separate=contacts.separate)
+    return Space(space, tuple(movers), contacts, idle)

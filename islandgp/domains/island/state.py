@@ -12,10 +12,10 @@ import pymunk
 
 from islandgp.domains.island import engine
 from islandgp.domains.island.chipmunk import address
-from islandgp.domains.island.events import EVENTS, Award, IslandEvent, IslandEventLog
+from islandgp.domains.island.events import EVENTS, Award, IslandEventLog
 from islandgp.domains.island.fields import EPISODE, EVENT, ROCK, STATION
 from islandgp.domains.island.schedule import Table, draw_schedule
-from islandgp.domains.island.space import build_space, idle_spaces
+from islandgp.domains.island.space import space_at_start
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.domains.island.world import FAR, FULL, MICRO, IslandWorld
 
@@ -42,7 +42,7 @@ class State:
 
     __slots__ = (
         "_events", "_kept", "_numbers", "board", "event_log", "garbage", "people", "physics",
-        "record", "schedule", "spaces", "world",
+        "record", "schedule", "world",
     )  # fmt: skip
 
     def __init__(
@@ -63,14 +63,7 @@ class State:
             flags: `stepwise`, `timed` and `may_coast`.
         """
         self.world, self.schedule = world, draw_schedule(world, seed)
-        starts = self.schedule.humanoids
-        self.spaces = idle_spaces(world, self.schedule.obstacles, len(starts))
-        if self.spaces:
-            self.physics = self.spaces.pop()
-            motion = starts[["x", "y", "vx", "vy"]].tolist()
-            self.physics.reset([(*world.start, 0.0, 0.0), *motion])
-        else:
-            self.physics = build_space(world, self.schedule)
+        starts, self.physics = self.schedule.humanoids, space_at_start(world, self.schedule)
         record, kept = _settings(world)
         self.record: Table = record.copy()
         self._numbers = self.record.view(np.int64).data
@@ -136,13 +129,13 @@ class State:
         numbers[_BEST] = self.event_log.best_step
         numbers[_NEGATIVE] = self.event_log.negative_since
 
-    def log(self, event: IslandEvent, amount: float) -> None:
+    def log(self, event: str, amount: float) -> None:
         """Records an event of this step."""
         self.event_log.log(self.step, event, amount)
         self.best_step = self.event_log.best_step
         self.negative_since = self.event_log.negative_since
 
-    def act(self, event: IslandEvent, amount: float) -> None:
+    def act(self, event: str, amount: float) -> None:
         """Records a non-movement action with its event."""
         self.log(event, amount)
         self.acted = self.world_changed = True

@@ -10,7 +10,7 @@ from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import STATUS_NAMES
 from islandgp.domain.rewards import worth
 from islandgp.domains.island.episode import run_episode
-from islandgp.domains.island.events import Award, Episode, IslandEvent
+from islandgp.domains.island.events import Award, Episode
 from islandgp.domains.island.state import State
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.domains.island.world import MICRO, IslandWorld
@@ -85,17 +85,17 @@ class Day:
         """The root's status at each tick."""
         return [moment.status for moment in self.moments]
 
-    def amounts(self, event: IslandEvent) -> list[float]:
+    def amounts(self, event: str) -> list[float]:
         """The amounts of all events of a kind, in order."""
-        return [amount for _, kind, amount in self.episode.events if kind is event]
+        return [amount for _, kind, amount in self.episode.events if kind == event]
 
-    def steps(self, event: IslandEvent) -> list[int]:
+    def steps(self, event: str) -> list[int]:
         """When they happened."""
-        return [step for step, kind, _ in self.episode.events if kind is event]
+        return [step for step, kind, _ in self.episode.events if kind == event]
 
     def counts(self) -> dict[str, int]:
         """Events by name; leftover garbage, which every episode has, left out."""
-        counter = Counter(event.name for _, event, _ in self.episode.events)
+        counter = Counter(event.upper() for _, event, _ in self.episode.events)
         del counter["LEFTOVER"]
         return dict(counter)
 

@@ -10,7 +10,6 @@ import pytest
 
 from islandgp.bt.core.language import parse
 from islandgp.domains.island.episode import run_episode
-from islandgp.domains.island.events import IslandEvent
 from islandgp.domains.island.vocabulary import ACTIONS
 from islandgp.domains.island.world import IslandWorld
 from islandgp.errors import DomainError
@@ -69,8 +68,8 @@ def test_pickup_reach(lay: Lay, x: float, reached: bool) -> None:
     lay(garbage=[complex(x, 150)])
     trace = day("PickupGarbage", short(1))
     assert trace.statuses[0] == ("SUCCESS" if reached else "FAILURE")
-    assert trace.amounts(IslandEvent.PICKUP) == [1] * reached
-    assert trace.amounts(IslandEvent.LEFTOVER) == [1 - reached]
+    assert trace.amounts("pickup") == [1] * reached
+    assert trace.amounts("leftover") == [1 - reached]
 
 
 def test_one_item_is_picked_up_once(lay: Lay) -> None:
@@ -78,7 +77,7 @@ def test_one_item_is_picked_up_once(lay: Lay) -> None:
     lay(garbage=[150.5 + 150j])
     trace = day("sequence { PickupGarbage PickupGarbage }", short(1))
     assert trace.statuses[0] == "FAILURE"
-    assert (trace.amounts(IslandEvent.PICKUP), trace.moments[-1].load) == ([1], 1)
+    assert (trace.amounts("pickup"), trace.moments[-1].load) == ([1], 1)
 
 
 def test_two_items_in_a_tick(lay: Lay) -> None:
@@ -86,7 +85,7 @@ def test_two_items_in_a_tick(lay: Lay) -> None:
     lay(garbage=[150.5 + 150j, 149.5 + 150j])
     trace = day("parallel { PickupGarbage PickupGarbage }", short(1))
     assert trace.statuses[:2] == ["SUCCESS", "FAILURE"]
-    assert trace.steps(IslandEvent.PICKUP) == [0, 0]
+    assert trace.steps("pickup") == [0, 0]
 
 
 def test_full_robot_picks_nothing_up(lay: Lay) -> None:
@@ -124,7 +123,7 @@ def test_charge_only_below_95(lay: Lay, battery: float, status: str) -> None:
     calm = {"battery_start": battery, "drain_standing": 0}
     trace = day("ExecuteCharge", short(1, chargers=[[150, 150]], robot=calm))
     assert trace.statuses[0] == status
-    assert len(trace.amounts(IslandEvent.CHARGE)) == (status == "RUNNING")
+    assert len(trace.amounts("charge")) == (status == "RUNNING")
 
 
 def test_charge_to_the_full(lay: Lay) -> None:
@@ -133,7 +132,7 @@ def test_charge_to_the_full(lay: Lay) -> None:
     trace = day("ExecuteCharge", short(chargers=[[150, 150]], robot={"battery_start": 80}))
     assert trace.statuses[:41] == ["RUNNING"] * 40 + ["SUCCESS"]
     assert [trace.moments[i].battery for i in (0, 10, 40)] == [80, 85, 100]
-    assert trace.amounts(IslandEvent.CHARGE) == [80]
+    assert trace.amounts("charge") == [80]
 
 
 def test_charging_counts_again_after_use(lay: Lay) -> None:
@@ -144,7 +143,7 @@ def test_charging_counts_again_after_use(lay: Lay) -> None:
         "selector { when batteryLevel < 60 { ExecuteCharge } PickupGarbage }",
         short(60, chargers=[[150, 150]], robot=hungry),
     )
-    steps = trace.steps(IslandEvent.CHARGE)
+    steps = trace.steps("charge")
     sessions = sum(
         before != "RUNNING" == now
         for before, now in zip(["", *trace.statuses], trace.statuses, strict=False)
@@ -176,8 +175,8 @@ def test_move_to_humanoid(lay: Lay) -> None:
     trace = day("MoveToHumanoid", short())
     assert trace.statuses[:5] == ["FAILURE"] * 5, "nobody asks before the fifth item"
     first = trace.statuses.index("SUCCESS")
-    assert trace.amounts(IslandEvent.INTERACTION) == [5]
-    assert trace.steps(IslandEvent.INTERACTION) == [first]
+    assert trace.amounts("interaction") == [5]
+    assert trace.steps("interaction") == [first]
     assert trace.moments[first].x == pytest.approx(158, abs=0.51)
     assert trace.moments[first].load == 5
     assert trace.statuses[first + 1] == "FAILURE", "a humanoid that was cleared asks no more"
@@ -196,7 +195,7 @@ def test_full_robot_takes_nothing_over(lay: Lay) -> None:
     """Without room MoveToHumanoid fails; with little room it takes what fits."""
     lay(humanoids=[(151.5, 150)], turns=asking(0, items=9))
     trace = day("MoveToHumanoid", short(2, robot={"capacity": 3}))
-    assert trace.amounts(IslandEvent.INTERACTION) == [3]
+    assert trace.amounts("interaction") == [3]
     assert trace.moments[-1].load == 3
     assert trace.statuses[-1] == "FAILURE"
 
@@ -206,8 +205,8 @@ def test_a_humanoid_with_enough_left_asks_on(lay: Lay) -> None:
     lay(humanoids=[(151.5, 150)], turns=asking(0, items=10))
     island = short(6, robot={"capacity": 4}, waypoints=[[150, 160], [150, 162]])
     trace = day("sequence { PatrolWaypoint MoveToHumanoid }", island)
-    (first,) = trace.steps(IslandEvent.INTERACTION)
-    assert trace.amounts(IslandEvent.INTERACTION) == [4]
+    (first,) = trace.steps("interaction")
+    assert trace.amounts("interaction") == [4]
     assert trace.moments[first + 1].carried == (6,)
     assert trace.moments[first + 1].board[HUMANOID_KEY] == 1
 
@@ -217,8 +216,8 @@ def test_moving_humanoids_are_caught(lay: Lay) -> None:
     turns = [*asking(0), *((step, 0, 1.2, 0.0) for step in range(6, 100))]
     lay(humanoids=[(160, 150)], turns=turns)
     trace = day("MoveToHumanoid", short())
-    assert trace.amounts(IslandEvent.INTERACTION)[0] >= 5
-    assert trace.steps(IslandEvent.INTERACTION)[0] < 40
+    assert trace.amounts("interaction")[0] >= 5
+    assert trace.steps("interaction")[0] < 40
 
 
 # DeliverToClearingPoint
@@ -230,8 +229,8 @@ def test_delivery(lay: Lay) -> None:
     tree = "selector { PickupGarbage DeliverToClearingPoint }"
     trace = day(tree, short(clearing_points=[[170, 150], [100, 150]]))
     arrival = 2 + 36  # two pickups, then 18 m
-    assert trace.steps(IslandEvent.DELIVERY) == [arrival]
-    assert trace.amounts(IslandEvent.DELIVERY) == [2]
+    assert trace.steps("delivery") == [arrival]
+    assert trace.amounts("delivery") == [2]
     assert trace.statuses[arrival] == "SUCCESS"
     assert trace.moments[arrival].load == 0
 
@@ -241,7 +240,7 @@ def test_empty_delivery_costs_once_a_visit(lay: Lay) -> None:
     lay()
     trace = day("DeliverToClearingPoint", short(clearing_points=[[150, 150]]))
     assert set(trace.statuses) == {"FAILURE"}
-    assert trace.steps(IslandEvent.EMPTY_DELIVERY) == [0]
+    assert trace.steps("empty_delivery") == [0]
 
 
 def test_empty_delivery_costs_again_after_leaving(lay: Lay) -> None:
@@ -252,7 +251,7 @@ def test_empty_delivery_costs_again_after_leaving(lay: Lay) -> None:
     trace = day(tree, island)
     near = [abs(moment.y - 150) <= 2 for moment in trace.moments]
     visits = sum(now and not before for before, now in zip([False, *near], near, strict=False))
-    assert len(trace.steps(IslandEvent.EMPTY_DELIVERY)) == visits >= 4
+    assert len(trace.steps("empty_delivery")) == visits >= 4
 
 
 def test_delivery_clears_the_way_for_another_fine(lay: Lay) -> None:
@@ -282,11 +281,11 @@ def test_discovery_on_patrol(lay: Lay) -> None:
     """On patrol each new thing counts once, and each 20 m with a discovery once."""
     lay(garbage=[150 + 170j, 151 + 170j, 150 + 190j], humanoids=[(140, 170)])
     trace = day("PatrolWaypoint", short(9, waypoints=[[150, 200], [150, 210]]))
-    assert sum(trace.amounts(IslandEvent.DISCOVERY)) == 4
+    assert sum(trace.amounts("discovery")) == 4
     # Seen 15 m before: at 5 m the two items and the humanoid, then at 25 m the third item.
-    assert len(trace.amounts(IslandEvent.PATROL)) == 2
-    assert trace.steps(IslandEvent.PATROL)[0] == pytest.approx(10, abs=2)
-    assert trace.steps(IslandEvent.PATROL)[1] == pytest.approx(50, abs=2)
+    assert len(trace.amounts("patrol")) == 2
+    assert trace.steps("patrol")[0] == pytest.approx(10, abs=2)
+    assert trace.steps("patrol")[1] == pytest.approx(50, abs=2)
 
 
 def test_no_discovery_without_patrol(lay: Lay) -> None:
@@ -305,8 +304,8 @@ def test_idle_seconds(lay: Lay) -> None:
     """Each second without driving or acting is an event; the first twenty cost nothing."""
     lay()
     trace = day("PickupGarbage", short(30))
-    assert trace.amounts(IslandEvent.IDLE) == list(range(1, 31))
-    assert trace.steps(IslandEvent.IDLE) == list(range(10, 301, 10))
+    assert trace.amounts("idle") == list(range(1, 31))
+    assert trace.steps("idle") == list(range(10, 301, 10))
     assert trace.episode.fitness == -10 * 10
 
 
@@ -314,10 +313,10 @@ def test_an_action_ends_idleness(lay: Lay) -> None:
     """A pickup in between lets the count begin again, and so does driving."""
     lay(spawns=[(35, 150.0, 150.0)])
     trace = day("PickupGarbage", short(6))
-    assert trace.steps(IslandEvent.PICKUP) == [35]
-    assert trace.amounts(IslandEvent.IDLE) == [1, 2, 3, 1, 2]
+    assert trace.steps("pickup") == [35]
+    assert trace.amounts("idle") == [1, 2, 3, 1, 2]
     lay(spawns=[(35, 155.0, 150.0)])
-    assert day("MoveToGarbage", short(6)).amounts(IslandEvent.IDLE) == [1, 2, 3, 1]
+    assert day("MoveToGarbage", short(6)).amounts("idle") == [1, 2, 3, 1]
 
 
 def test_driving_is_no_idleness(lay: Lay) -> None:

@@ -355,6 +355,7 @@ def test_all_rounder_golden() -> None:
     episode = run_episode(parse(ALL_ROUNDER), world(), 2024, points())
     plain = asdict(episode)
     del plain["ticks"]
-    plain["counts"] = dict(sorted(Counter(event.name for _, event, _ in episode.events).items()))
-    plain["events"] = [f"{step} {event.name} {amount:g}" for step, event, amount in episode.events]
+    events = [(step, event.upper(), amount) for step, event, amount in episode.events]
+    plain["counts"] = dict(sorted(Counter(event for _, event, _ in events).items()))
+    plain["events"] = [f"{step} {event} {amount:g}" for step, event, amount in events]
     check_golden("all_rounder_episode.json", json.dumps(plain, indent=1) + "\n")

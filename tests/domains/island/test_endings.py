@@ -6,7 +6,7 @@ import pytest
 
 from islandgp.bt.core.language import parse
 from islandgp.domains.island.episode import run_episode
-from islandgp.domains.island.events import Ending, Episode, IslandEvent
+from islandgp.domains.island.events import Episode
 from islandgp.domains.island.world import IslandWorld
 from tests.domains.island.conftest import Lay
 from tests.domains.island.days import day, points, world
@@ -24,7 +24,7 @@ def test_time(lay: Lay) -> None:
     spawns = [(step, 150.0, 150.0) for step in range(500, 4200, 500)]
     lay(spawns=spawns)
     episode = run(STANDING, world(robot={"drain_standing": 0.01}))
-    assert (episode.ending, episode.steps) == (Ending.TIME, 4200)
+    assert (episode.ending, episode.steps) == ("time", 4200)
 
 
 @pytest.mark.parametrize(
@@ -42,14 +42,14 @@ def test_stagnation(lay: Lay, battery: float, seconds: int) -> None:
     far = [[150, 150 + side * 140] for side in (1, -1)]  # it stands for a tick at each arrival
     slow = {"battery_start": battery, "speed": 1.2}
     episode = run(PATROL, world(robot=slow, waypoints=far))
-    assert (episode.ending, episode.steps) == (Ending.STAGNATION, seconds * 10)
+    assert (episode.ending, episode.steps) == ("stagnation", seconds * 10)
 
 
 def test_stagnation_counts_from_the_best(lay: Lay) -> None:
     """The clock starts again with each better fitness, and not with one that only recovers."""
     lay(spawns=[(300, 150.0, 150.0)])
     episode = run(STANDING, world(robot={"drain_standing": 0.01}))
-    assert (episode.ending, episode.steps) == (Ending.STAGNATION, 300 + 1200)
+    assert (episode.ending, episode.steps) == ("stagnation", 300 + 1200)
 
 
 def test_charging_above_40_shortens_the_patience_again(lay: Lay) -> None:
@@ -60,14 +60,14 @@ def test_charging_above_40_shortens_the_patience_again(lay: Lay) -> None:
     assert episode.steps == 1800
     charging = {"battery_start": 25, "charge_rate": 0.1}  # 40 % after 150 s
     episode = run("ExecuteCharge", world(robot=charging, chargers=[[150, 150]]))
-    assert (episode.ending, episode.steps) == (Ending.STAGNATION, 1500)
+    assert (episode.ending, episode.steps) == ("stagnation", 1500)
 
 
 def test_negative(lay: Lay) -> None:
     """Idleness costs from second 21 on: fitness is negative, and 60 s later it is over."""
     lay()
     episode = run(STANDING, world())
-    assert (episode.ending, episode.steps) == (Ending.NEGATIVE, 210 + 600)
+    assert (episode.ending, episode.steps) == ("negative", 210 + 600)
     assert episode.fitness == -10 * 61
 
 
@@ -77,7 +77,7 @@ def test_negative_ends_with_a_gain(lay: Lay) -> None:
     episode = run(STANDING, world(robot={"drain_standing": 0.01}))
     # -10 a second from 21 to 80 are -600; the pickup adds 600. That is 0, neither negative nor
     # a better best. The next idle second, one after 20 more, makes it negative again.
-    assert (episode.ending, episode.steps) == (Ending.STAGNATION, 1200)
+    assert (episode.ending, episode.steps) == ("stagnation", 1200)
 
 
 def test_shutdown(lay: Lay) -> None:
@@ -87,9 +87,9 @@ def test_shutdown(lay: Lay) -> None:
     trace = day(PATROL, world(waypoints=[[150, 30], [150, 270]]))
     arrivals = trace.statuses.count("SUCCESS")  # at each it stands for a tick, at a quarter
     steps = 3500 + round(arrivals * 0.75)
-    assert trace.episode.ending is Ending.SHUTDOWN
+    assert trace.episode.ending == "shutdown"
     assert trace.episode.steps == pytest.approx(steps, abs=1)
-    assert (trace.amounts(IslandEvent.SHUTDOWN), trace.steps(IslandEvent.SHUTDOWN)) == (
+    assert (trace.amounts("shutdown"), trace.steps("shutdown")) == (
         [1],
         [trace.episode.steps],
     )
@@ -100,8 +100,8 @@ def test_leftover_is_counted_at_the_end(lay: Lay) -> None:
     """Each episode's last event is the garbage that still lies there."""
     lay(garbage=[150 + 150j, 10 + 10j, 20 + 20j], spawns=[(5, 280.0, 280.0)])
     trace = day(STANDING, world(episode={"length": 2}))
-    assert trace.episode.events[-1] == (20, IslandEvent.LEFTOVER, 3)
-    assert trace.amounts(IslandEvent.LEFTOVER) == [3]
+    assert trace.episode.events[-1] == (20, "leftover", 3)
+    assert trace.amounts("leftover") == [3]
 
 
 def test_fitness_is_the_sum_of_the_events(lay: Lay) -> None:

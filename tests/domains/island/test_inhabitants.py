@@ -7,7 +7,6 @@ from math import hypot
 
 import pytest
 
-from islandgp.domains.island.events import IslandEvent
 from islandgp.domains.island.schedule import draw_schedule
 from tests.domains.island.conftest import Lay
 from tests.domains.island.days import day, world
@@ -19,20 +18,20 @@ def test_garbage_is_capped(lay: Lay) -> None:
     lay(garbage=many, spawns=[(step, 250.0, 250.0) for step in range(1, 60)])
     trace = day("PatrolWaypoint", world(episode={"length": 8}))
     assert max(moment.lying for moment in trace.moments) == 150
-    assert trace.amounts(IslandEvent.LEFTOVER) == [150]
+    assert trace.amounts("leftover") == [150]
 
 
 def test_garbage_comes_again_when_there_is_room(lay: Lay) -> None:
     """On a full ground a pickup makes room for the next item."""
     lay(garbage=[150 + 150j, 10 + 10j], spawns=[(5, 20.0, 20.0), (6, 30.0, 30.0)])
     trace = day("PickupGarbage", world(garbage={"initial": 2, "most": 2}, episode={"length": 2}))
-    assert trace.amounts(IslandEvent.LEFTOVER) == [2]
+    assert trace.amounts("leftover") == [2]
 
 
 def test_spawning_as_configured() -> None:
     """120 items at the start, one more every 2 s, up to 150."""
     trace = day("PatrolWaypoint", world(episode={"length": 100, "negative": 100}))
-    pickups = len(trace.amounts(IslandEvent.PICKUP))
+    pickups = len(trace.amounts("pickup"))
     assert pickups == 0
     assert [trace.moments[step].lying for step in (0, 20, 21, 41, 599, 601, 990)] == [
         120, 120 + 1, 121, 122, 149, 150, 150,
@@ -80,17 +79,17 @@ def test_a_contact_is_one_collision(lay: Lay) -> None:
     contacts = sum(now and not before for before, now in pairwise([False, *touching]))
     assert contacts >= 1
     # A contact that begins and ends between two looks is one, too.
-    assert len(trace.amounts(IslandEvent.COLLISION)) >= contacts
-    assert len(trace.amounts(IslandEvent.COLLISION)) <= 3
+    assert len(trace.amounts("collision")) >= contacts
+    assert len(trace.amounts("collision")) <= 3
 
 
 def test_a_standing_robot_can_be_touched(lay: Lay) -> None:
     """A humanoid that walks into a robot is a collision, and then walks away from it."""
     lay(humanoids=[(150, 155)], turns=[(1, 0, 0.0, -1.2)])
     trace = day("PickupGarbage", world(episode={"length": 15}))
-    assert trace.amounts(IslandEvent.COLLISION) == [1]
+    assert trace.amounts("collision") == [1]
     # 5 m less the two radii of 0.6 and 0.4 m, at 1.2 m/s
-    assert trace.steps(IslandEvent.COLLISION) == [pytest.approx(1 + 4 / 0.12, abs=2)]
+    assert trace.steps("collision") == [pytest.approx(1 + 4 / 0.12, abs=2)]
     assert 0 not in trace.moments[-1].touching
 
 
@@ -98,7 +97,7 @@ def test_nobody_near_no_collision(lay: Lay) -> None:
     """Humanoids on the other side of the island are none of its business."""
     lay(humanoids=[(20, 20), (280, 280)])
     trace = day("PatrolWaypoint", world(waypoints=[[150, 170], [150, 130]], episode={"length": 60}))
-    assert trace.amounts(IslandEvent.COLLISION) == []
+    assert trace.amounts("collision") == []
 
 
 def test_things_have_room() -> None:
