@@ -233,7 +233,7 @@ def supervised_runs(all_settings: Iterable[Settings]) -> list[SupervisedRuns]:
     from islandgp.supervision.llm.budget import SupervisedRuns  # only with a language model
 
     return [
-        SupervisedRuns(policy, run_context(settings), settings.supervisor.lag, len(group))
+        SupervisedRuns(policy, run_context(settings), len(group))
         for group in groups.values()
         for settings, policy in group[:1]
     ]

@@ -7,9 +7,6 @@ shows the first difference.
 
 from __future__ import annotations
 
-import json
-from difflib import unified_diff
-from itertools import islice
 from pathlib import Path
 from typing import ClassVar
 
@@ -20,10 +17,10 @@ from islandgp.errors import SupervisionError
 from islandgp.gate import must_be_known_code
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, Guidance, RunContext
-from islandgp.supervision.llm.message import Failure, Reply, Request
+from islandgp.supervision.llm.calls import Calls
 from islandgp.supervision.llm.settings import READS, LLMSettings
 from islandgp.supervision.llm.supervisor import Adviser
-from islandgp.supervision.llm.transcript import Call, Transcript, find_transcript
+from islandgp.supervision.llm.transcript import Transcript, find_transcript
 
 
 class ReplaySettings(BaseModel, frozen=True, extra="forbid"):
@@ -72,11 +69,11 @@ class Replay:
                 f"Expected the settings of a recorded run at the top of {path}, found"
                 f" {type(error).__name__}: {error}."
             ) from None
-        return cls(Adviser(recorded, context), transcript)
+        calls = Calls(None, transcript, recorded, seed=context.seed)
+        return cls(Adviser(recorded, context), calls)
 
-    def __init__(self, adviser: Adviser, transcript: Transcript) -> None:
-        self.adviser = adviser
-        self._calls = RecordedCalls(transcript)
+    def __init__(self, adviser: Adviser, calls: Calls) -> None:
+        self.adviser, self._calls = adviser, calls
 
     def on_generation(self, generation: GenerationView) -> None:
         """See `GenerationListener`."""
@@ -89,47 +86,3 @@ class Replay:
             SupervisionError: the transcript has no answer for this state.
         """
         return self.adviser.advise(state, rng, self._calls)
-
-
-class RecordedCalls:
-    """Answers from a transcript."""
-
-    def __init__(self, transcript: Transcript) -> None:
-        self.transcript = transcript
-
-    def ask(self, call: Call, request: Request) -> Reply | Failure:
-        """See `Calls`.
-
-        Raises:
-            SupervisionError: the transcript has no answer, or one for another request.
-        """
-        done = self.transcript.of(call)
-        name = self.transcript.path or "the transcript"
-        if not done:
-            raise SupervisionError(
-                f"Expected an answer in {name} for the {call}, found none: the recorded run"
-                " ended earlier, or made fewer requests."
-            )
-        same = [a for a in done if a.request.digest == request.digest]
-        if not same:
-            raise SupervisionError(
-                f"Expected the recorded request in {name} for the {call}, found another one:\n"
-                + difference(done[-1].request, request)
-                + "\nA replay needs the code, the prompts, the configuration and the seed of the"
-                " recorded run, and its answers as they were."
-            )
-        return same[-1].answer
-
-
-def difference(recorded: Request, now: Request) -> str:
-    """The unified diff of two requests, at most 40 lines."""
-    texts = (_lines(recorded), _lines(now))
-    return "\n".join(islice(unified_diff(*texts, "recorded", "now", lineterm="", n=1), 40))
-
-
-def _lines(request: Request) -> list[str]:
-    plain = request.plain()
-    turns = [line for turn in request.turns for line in turn.splitlines()]
-    rest = {key: value for key, value in plain.items() if key not in ("system", "turns")}
-    settings = [f"{key}: {json.dumps(value)}" for key, value in rest.items()]
-    return [*settings, *request.system.splitlines(), *turns]

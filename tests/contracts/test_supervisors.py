@@ -23,6 +23,7 @@ from islandgp.running.parts import make_supervisor, run_context
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Pattern, Phase, Supervisor, SupervisorLifecycle
 from islandgp.supervision.expert import Expert
+from islandgp.supervision.llm.calls import Calls
 from islandgp.supervision.llm.message import FailureKind
 from islandgp.supervision.llm.supervisor import LLM
 from islandgp.supervision.replay import Replay
@@ -58,7 +59,9 @@ class Recorder:
         """The replay's answer to a state that a live supervisor has answered."""
         live = llm()
         live.advise(state, deepcopy(rng))
-        return Replay(live.adviser, live.calls.transcript).advise(state, rng)
+        live.close()
+        calls = Calls(None, live.calls.transcript, live.settings, seed=0)
+        return Replay(live.adviser, calls).advise(state, rng)
 
 
 def yoked() -> Yoked:
@@ -160,10 +163,10 @@ def test_order_does_not_matter(name: str) -> None:
     ),
 )
 def test_every_option_can_be_chosen(option: str, tmp_path: Path) -> None:
-    """Each file of the group names a class with Settings, make and the option's own name."""
+    """Each file of the group names a class with Settings, make and a name: `local` is an llm."""
     part = studied(f"supervisor={option}").supervisor
     assert part.name == option
-    assert part.factory.name == option
+    assert part.factory.name == {"local": "llm"}.get(option, option)
     assert isinstance(part.settings(), part.factory.Settings)
     settings = studied(f"supervisor={option}")
     assert run_context(settings, tmp_path).folder == tmp_path

@@ -141,7 +141,6 @@ class FakeClient:
     def __init__(self, script: Script | Sequence[Reply | Failure]) -> None:
         self.script = script
         self.requests: list[Request] = []
-        self.closed = False
         self._lock = Lock()
 
     def send(self, request: Request, *, seconds: float) -> Reply | Failure:
@@ -152,16 +151,9 @@ class FakeClient:
             n = len(self.requests) - 1
             return self.script(request, n) if callable(self.script) else self.script[n]
 
-    def open(self) -> None:
-        """See `Client`."""
-
     def requests_for(self, kind: str) -> list[Request]:
         """The requests of one kind, in their order; questions of two kinds go out together."""
         return [request for request in self.requests if kind_of(request) == kind]
-
-    def close(self) -> None:
-        """See `Client`."""
-        self.closed = True
 
 
 def kind_of(request: Request) -> str:

@@ -12,12 +12,12 @@ from typing import Any, get_args
 import pytest
 
 from islandgp.errors import ConfigError
-from islandgp.supervision.llm.budget import Bill, Ledger, known_usage, most_tokens
+from islandgp.supervision.llm.budget import Ledger
 from islandgp.supervision.llm.client import ServerClient
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage
 from islandgp.supervision.llm.settings import Caps, Price
 from islandgp.supervision.llm.supervisor import LLM
-from islandgp.supervision.llm.transcript import Call, Sent, Transcript
+from islandgp.supervision.llm.transcript import Attempt, Call, Sent, Transcript
 from tests.composed import composed
 from tests.llm.samples import (
     DECISION,
@@ -33,6 +33,8 @@ from tests.llm.samples import (
 )
 from tests.llm.server import MessagesServer
 from tests.profiles import sweep
+
+REST = (None, 0.0, 0.0, "at")  # of an attempt
 
 
 def run_of(llm: LLM, generations: int) -> list[str]:
@@ -110,7 +112,8 @@ def test_the_ledger_goes_on_after_a_resumption(tmp_path: Path) -> None:
 )
 def test_what_a_failure_may_have_cost(kind: FailureKind, usage: Usage | None) -> None:
     """A refused request is free; one whose answer was lost may have been charged."""
-    assert known_usage(Failure(kind, "")) == usage
+    attempt = Attempt(Call(0, "rate", 0), 1, Request("m", "s", ("u",), 9), Failure(kind, ""), *REST)
+    assert attempt.usage == usage
 
 
 def test_a_connection_that_is_not_made_is_no_request() -> None:
@@ -134,18 +137,7 @@ def test_what_makes_a_request_longer_is_in_the_bound() -> None:
         replace(plain, extra={"note": "word " * 3000}),
         replace(plain, turns=("u", "\U00012345" * 500, "u")),
     ):
-        assert most_tokens(longer).input - most_tokens(plain).input >= 1999
-
-
-@pytest.mark.parametrize(("write", "dollars"), [(1.25, 1.25), (0.0, 1.0)])
-def test_a_prompt_that_is_kept_may_cost_more(write: float, dollars: float) -> None:
-    """What is written to a cache has its own price; a server that keeps nothing takes the other."""
-    price = Price(input=1, output=5, cache_read=0.1, cache_write=write)
-    request = Request("m", "s" * 2_000_000, ("u",), 64, cache=True)
-    tokens = most_tokens(request)
-    assert tokens.cache_write == 1_000_000
-    rest = Bill.at_most(1, replace(tokens, cache_write=0), price).usd
-    assert Bill.at_most(1, tokens, price).usd - rest == pytest.approx(dollars)
+        assert longer.most_tokens().input - plain.most_tokens().input >= 1999
 
 
 @pytest.mark.parametrize(
@@ -354,7 +346,6 @@ def test_a_server_that_counts_nothing_does_not_escape_the_caps() -> None:
         client = ServerClient(None, server.url)
         llm = LLM(settings("caps.output_tokens=9000"), context(), client)
         sources = run_of(llm, 12)
-        llm.close()
         assert len(server.requests) == 9000 // 2048
     assert sources[-1] == "fallback"
     assert llm.spent()["output_tokens"] == 0

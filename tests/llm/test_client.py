@@ -47,7 +47,6 @@ def client_of(url: str | None, **options: Any) -> Iterator[ServerClient]:
     client = ServerClient(KEY, url, **options)
     client.open()
     yield client
-    client.close()
 
 
 def mocked(body: bytes | httpx2.SyncByteStream, status: int = 200, **headers: str) -> Any:
@@ -226,22 +225,20 @@ def test_missing_counts_of_tokens_are_unknown(usage: object, known: bool) -> Non
     assert (mocked(message(usage=usage)).usage is not None) == known
 
 
-def test_a_cache_mark_and_more_fields() -> None:
-    """The system prompt ends where the cache does; a schema joins the user's output_config."""
+def test_more_fields() -> None:
+    """A schema joins the user's output_config."""
     extra = {"top_k": 3, "output_config": {"effort": "low"}}
-    ask = Request("m", "s", ("u", "a", "v"), 9, 0.5, {"type": "object"}, cache=True, extra=extra)
+    ask = Request("m", "s", ("u", "a", "v"), 9, 0.5, {"type": "object"}, extra=extra)
     with MessagesServer() as server, client_of(server.url) as client:
         client.send(ask, seconds=5)
     (body,) = server.requests
-    assert body["system"][0]["cache_control"] == {"type": "ephemeral"}
     assert [turn["role"] for turn in body["messages"]] == ["user", "assistant", "user"]
     assert (body["temperature"], body["top_k"]) == (0.5, 3)
     assert set(body["output_config"]) == {"effort", "format"}
 
 
-def test_closing_leaves_no_thread() -> None:
-    """A client can be closed unused; an attempt that was too late ends with its server."""
-    ServerClient(None, "http://127.0.0.1:1").close()
+def test_a_late_attempt_leaves_no_thread() -> None:
+    """It ends with its server."""
     with MessagesServer(lambda _: Fault.DRIP) as server, client_of(server.url) as client:
         client.send(ASK, seconds=0.1)
     for thread in threading.enumerate():
@@ -306,7 +303,6 @@ def test_a_cloud_gets_its_credentials(monkeypatch: pytest.MonkeyPatch) -> None:
 
     client = ServerClient(None, None, factory=FOUNDRY, transport=httpx2.MockTransport(reply))
     answer = client.send(ASK, seconds=20)
-    client.close()
     assert isinstance(answer, Reply), answer
     assert answer.text == f"You sent {HIDDEN}."
     (request,) = requests
@@ -336,7 +332,6 @@ def test_a_function_of_the_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     with MessagesServer(answer=lambda _: "Hello.") as server:
         client = ServerClient(None, server.url, factory="clouds:bedrock")
         assert isinstance(client.send(ASK, seconds=20), Reply)
-        client.close()
     (options,) = made
     assert set(options) == {"aws_region", "http_client", "max_retries", "base_url"}
     assert server.keys[0].endswith(KEY)
@@ -382,7 +377,6 @@ def test_missing_credentials_stop_a_run() -> None:
         patch.setattr("anthropic.make_for_test", make, raising=False)
         client = ServerClient(None, server.url, factory="anthropic:make_for_test")
         failure = client.send(ASK, seconds=20)
-        client.close()
     assert isinstance(failure, Failure)
     assert failure.kind is FailureKind.UNAUTHORISED
     assert server.requests == []

@@ -39,7 +39,7 @@ def at_most(*arguments: Any) -> Bill:
 
 
 def run(llm_settings: LLMSettings, run_context: RunContext, lag: int = 0) -> SupervisedRuns:
-    return SupervisedRuns(llm_settings, run_context, lag)
+    return SupervisedRuns(llm_settings, replace(run_context, lag=lag))
 
 
 def output_of(*arguments: str) -> str:
@@ -136,7 +136,7 @@ def test_thoughts_are_expected_of_a_model_that_thinks() -> None:
 def test_the_upper_bound_of_a_sweep() -> None:
     """It is printed before a sweep starts; a run's caps limit each run."""
     capped = settings("caps.requests=7", "caps.usd=0.5")
-    runs = [SupervisedRuns(capped, context(), 0, 3), run(capped, context())]
+    runs = [SupervisedRuns(capped, context(), 3), run(capped, context())]
     line = costs(runs)
     assert " in 4 runs, at most 28 requests, " in line
     assert ", 2.00 US dollars; supervisor.policy.caps" in line

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from islandgp.supervision.llm import budget
-from islandgp.supervision.llm.budget import Pace
+from islandgp.supervision.llm.budget import wait_for_turn
 from islandgp.supervision.llm.message import Request
-from islandgp.supervision.llm.settings import PerMinute
+from islandgp.supervision.llm.settings import LLMSettings, PerMinute
 from tests.composed import composed
 from tests.llm.faults import Fault
 from tests.llm.samples import settings
@@ -21,8 +21,17 @@ from tests.llm.test_whole_run import QUICK, live
 ASK = Request("m", "s" * 380, ("u" * 380,), 100)
 
 
-def pace(folder: Path, place: str = "here", **limits: float) -> Pace:
-    return Pace(PerMinute(**limits), place, folder, 3.8)
+def account(place: str = "here", **limits: float) -> LLMSettings:
+    """A model at a place, with limits and 3.8 characters a token."""
+    update = {"base_url": f"http://{place}", "per_minute": PerMinute(**limits)}
+    return settings().model_copy(update=update)
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """The folder of the shared file."""
+    monkeypatch.setattr(budget, "gettempdir", lambda: str(tmp_path))
+    return tmp_path
 
 
 class Clock:
@@ -31,34 +40,37 @@ class Clock:
     def __init__(self) -> None:
         self.now = 100.0
 
-    def wait(self, shared: Pace) -> float:
-        return shared.wait(ASK, self.sleep, lambda: self.now)
+    def wait(self, shared: LLMSettings) -> float:
+        return wait_for_turn(shared, ASK, self.sleep, lambda: self.now)
 
     def sleep(self, seconds: float) -> None:
         self.now += seconds
 
 
-def test_runs_take_turns(tmp_path: Path) -> None:
-    """Two objects, as of two processes, share the turns of one server; another server is free."""
-    clock, one, two = Clock(), pace(tmp_path, requests=60), pace(tmp_path, requests=60)
-    assert [clock.wait(p) for p in (one, two, one)] == pytest.approx([0, 1, 1])
-    assert clock.wait(pace(tmp_path, "there", requests=60)) == 0
+@pytest.mark.usefixtures("folder")
+def test_runs_take_turns() -> None:
+    """Those of one server; another server is free."""
+    clock, one = Clock(), account(requests=60)
+    assert [clock.wait(one) for _ in range(3)] == pytest.approx([0, 1, 1])
+    assert clock.wait(account("there", requests=60)) == 0
     clock.sleep(10)
     assert clock.wait(one) == 0
 
 
-def test_tokens_are_shared(tmp_path: Path) -> None:
+@pytest.mark.usefixtures("folder")
+def test_tokens_are_shared() -> None:
     """760 characters are 200 tokens; the stricter limit counts."""
-    clock, shared = Clock(), pace(tmp_path, requests=60, input_tokens=6000)
+    clock, shared = Clock(), account(requests=60, input_tokens=6000)
     assert [clock.wait(shared) for _ in range(3)] == pytest.approx([0, 2, 2])
 
 
 @pytest.mark.parametrize("content", ["", "later", "nan", "9e99", "-5"])
-def test_a_damaged_file_stops_nobody(tmp_path: Path, content: str) -> None:
+def test_a_damaged_file_stops_nobody(folder: Path, content: str) -> None:
     """Its time is not waited for."""
-    shared = pace(tmp_path, requests=60)
-    shared.path.write_text(content)
-    assert Clock().wait(shared) == 0
+    assert Clock().wait(account(requests=60)) == 0
+    (file,) = folder.glob("*.turn")
+    file.write_text(content)
+    assert Clock().wait(account(requests=60)) == 0
 
 
 class Strict(MessagesServer):
@@ -75,9 +87,9 @@ class Strict(MessagesServer):
 
 
 @pytest.mark.slow
-def test_four_runs_lose_no_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.usefixtures("folder")
+def test_four_runs_lose_no_answer(tmp_path: Path) -> None:
     """Of one server, which refuses what they would send without the limit that they share."""
-    monkeypatch.setattr(budget, "gettempdir", lambda: str(tmp_path))
     retry = "supervisor.policy.retry"
     short = ("gp.generations=4", f"{retry}.attempts=2", f"{retry}.deadline=9")
 
@@ -97,7 +109,8 @@ def test_four_runs_lose_no_answer(tmp_path: Path, monkeypatch: pytest.MonkeyPatc
     assert len(alone) == len(shared)
 
 
+@pytest.mark.usefixtures("folder")
 def test_without_limits_nobody_waits() -> None:
     """The default."""
-    assert Pace.of(settings()) is None
-    assert Pace.of(settings("per_minute.requests=50")) is not None
+    clock = Clock()
+    assert [clock.wait(settings()) for _ in range(3)] == [0, 0, 0]

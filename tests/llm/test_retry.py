@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from islandgp.supervision.llm.calls import LiveCalls, ask_with_less, supported
+from islandgp.supervision.llm.calls import Calls, ask_with_less, supported
 from islandgp.supervision.llm.message import TRANSIENT, Failure, FailureKind, Reply, Request, Usage
 from islandgp.supervision.llm.settings import RetrySettings
 from islandgp.supervision.llm.transcript import Call, Transcript
@@ -19,11 +19,11 @@ CALL = Call(4, "rate", 0)
 
 def calls(
     client: FakeClient, retries: RetrySettings = RETRIES, seed: int = 0
-) -> tuple[LiveCalls, list[float]]:
+) -> tuple[Calls, list[float]]:
     """The calls, and the seconds that they sleep."""
     slept: list[float] = []
     policy = settings("caps.seconds=null").model_copy(update={"retry": retries})
-    return LiveCalls(client, Transcript(None), policy, seed=seed, sleep=slept.append), slept
+    return Calls(client, Transcript(None), policy, seed=seed, sleep=slept.append), slept
 
 
 @pytest.mark.parametrize("kind", sorted(TRANSIENT))
@@ -102,7 +102,7 @@ def test_a_call_goes_on_where_a_kill_ended_it() -> None:
     client = FakeClient([failed(FailureKind.SERVER)] * 9)
     live, _ = calls(client, RetrySettings(**{**RETRIES.model_dump(), "attempts": 1}))
     live.ask(CALL, ASK)
-    live.retry = RETRIES
+    live.settings = live.settings.model_copy(update={"retry": RETRIES})
     live.ask(CALL, ASK)
     assert [a.number for a in live.transcript.attempts] == [1, 2, 3]
     live.ask(CALL, ASK)

@@ -12,6 +12,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from islandgp.errors import SupervisionError
+from islandgp.supervision.llm.calls import Calls
 from islandgp.supervision.llm.message import (
     Failure,
     FailureKind,
@@ -28,10 +29,10 @@ from islandgp.supervision.llm.transcript import (
     Start,
     Transcript,
 )
-from islandgp.supervision.replay import RecordedCalls
+from tests.llm.samples import settings
 from tests.profiles import cases
 
-ASK = Request("m", "system text", ("question",), 100, 0.7, {"type": "object"}, False)
+ASK = Request("m", "system text", ("question",), 100, 0.7, {"type": "object"})
 
 
 def attempt(
@@ -39,10 +40,13 @@ def attempt(
 ) -> Attempt:
     reply = answer or Reply("text\nof two lines, « é »", "end_turn", Usage(1, 2, 3, 4))
     assert isinstance(reply, (Reply, Failure))
-    usage = reply.usage if isinstance(reply, Reply) else None
-    return Attempt(
-        Call(generation, "rate", 0), number, request, reply, usage, Usage(9, 9), 0.5, 1.5, 0.2, "at"
-    )
+    return Attempt(Call(generation, "rate", 0), number, request, reply, 0.5, 1.5, 0.2, "at")
+
+
+def recorded(transcript: Transcript) -> Calls:
+    """The calls of a replay."""
+    transcript.fixed = True
+    return Calls(None, transcript, settings(), seed=0)
 
 
 START = Start({"model": "m"})
@@ -127,14 +131,13 @@ def test_a_recorded_call_is_answered_with_its_last_attempt() -> None:
     transcript = Transcript(None)
     transcript.add(FAILED)
     transcript.add(attempt(number=3))
-    calls = RecordedCalls(transcript)
-    assert calls.ask(Call(3, "rate", 0), ASK) == attempt().answer
+    assert recorded(transcript).ask(Call(3, "rate", 0), ASK) == attempt().answer
 
 
 def test_a_call_that_was_not_recorded_is_an_error() -> None:
     """The error names the call."""
     with pytest.raises(SupervisionError, match="the rate after generation 5, repair 1, found none"):
-        RecordedCalls(Transcript(None)).ask(Call(5, "rate", 1), ASK)
+        recorded(Transcript(None)).ask(Call(5, "rate", 1), ASK)
 
 
 def test_a_request_that_differs_is_an_error_that_shows_where() -> None:
@@ -143,7 +146,7 @@ def test_a_request_that_differs_is_an_error_that_shows_where() -> None:
     transcript.add(attempt(request=replace(ASK, turns=('{"best": 1,\n"mean": 2}',))))
     now = replace(ASK, turns=('{"best": 1,\n"mean": 3}',), temperature=0.2)
     with pytest.raises(SupervisionError) as excinfo:
-        RecordedCalls(transcript).ask(Call(3, "rate", 0), now)
+        recorded(transcript).ask(Call(3, "rate", 0), now)
     lines = str(excinfo.value).splitlines()
     assert "rate after generation 3" in lines[0]
     for line in ("-temperature: 0.7", "+temperature: 0.2", '-"mean": 2}', '+"mean": 3}'):
@@ -159,7 +162,6 @@ def test_digests_tell_requests_apart() -> None:
         replace(ASK, max_tokens=99),
         replace(ASK, temperature=None),
         replace(ASK, schema=None),
-        replace(ASK, cache=True),
         replace(ASK, extra={"top_k": 3}),
     ]
     assert len({r.digest for r in [ASK, *others]}) == len(others) + 1

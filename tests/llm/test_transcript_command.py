@@ -93,7 +93,7 @@ def test_a_strangers_transcript_cannot_control_the_terminal(
     """Control characters are left out, and no value of an answer is an error."""
     transcript = Transcript(tmp_path / NAME)
     call = Call(3, f"edits {ESCAPE}", 0)
-    transcript.add(Attempt(call, 1, REQUEST, answer, None, Usage(), None, 0.5, 1.0, "at"))
+    transcript.add(Attempt(call, 1, REQUEST, answer, None, 0.5, 1.0, "at"))
     transcript.add(Conclusion(3, call.part, f"llm, {ESCAPE}", ESCAPE, (ESCAPE,)))
     transcript.add(Sent(Call(3, "rate", 0), 1, Usage(), 1.0))
     result = islandgp("transcript", tmp_path, *options)

@@ -9,11 +9,10 @@ Prices and other properties of models are in the dated table of `conf/prices`.
 
 from __future__ import annotations
 
-import json
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, astuple, dataclass
+from dataclasses import asdict, astuple, dataclass, fields
 from getpass import getuser
 from math import inf, isnan, nan
 from operator import add
@@ -24,18 +23,9 @@ from typing import Final
 from filelock import FileLock
 
 from islandgp.supervision.base import RunContext
-from islandgp.supervision.llm.message import (
-    CHARGED,
-    MAX_QUOTED,
-    Failure,
-    FailureKind,
-    Reply,
-    Request,
-    Usage,
-    sha256_of,
-)
+from islandgp.supervision.llm.message import MAX_QUOTED, FailureKind, Request, Usage, sha256_of
 from islandgp.supervision.llm.questions import Questions
-from islandgp.supervision.llm.settings import Caps, LLMSettings, PerMinute, Price
+from islandgp.supervision.llm.settings import Caps, LLMSettings, Price
 from islandgp.supervision.llm.transcript import Attempt, Transcript
 
 LONGEST_TURN: Final = 3600.0  # s; a later one is of a wrong clock
@@ -60,26 +50,9 @@ def cost(usage: Usage, price: Price) -> float:
     ) / TOKENS_PER_PRICE
 
 
-def most_tokens(request: Request, *, longer: int = 0) -> Usage:
-    """Upper bound of the tokens of a request that quotes `longer` further characters.
-
-    Prompts and JSON have three to four bytes per token; the bound assumes two. A quoted answer may
-    be in any script, with as little as one byte per token, but has at most `max_tokens`. The
-    constant is for the frame of the message.
-    """
-    system = len(request.system.encode()) // 2
-    texts = (*request.turns[::2], json.dumps([request.schema, request.extra]))
-    rest = sum(len(text.encode()) for text in texts) // 2 + 500
-    quoted = longer + sum(len(text.encode()) for text in request.turns[1::2])
-    rest += max(quoted // 2, min(quoted, request.max_tokens))
-    if request.cache:
-        return Usage(input=rest, output=request.max_tokens, cache_write=system)
-    return Usage(input=system + rest, output=request.max_tokens)
-
-
 @dataclass(frozen=True, slots=True)
 class Bill:
-    """The sum of the costs of requests. The fields but `usd` have the names of caps."""
+    """The sum of the costs of requests. The fields have the names of caps."""
 
     requests: float = 0
     input_tokens: float = 0
@@ -88,17 +61,9 @@ class Bill:
 
     @classmethod
     def of(cls, requests: float, usage: Usage, price: Price | None) -> Bill:
-        """The bill of requests with known tokens; `usage` is their sum."""
+        """The bill of requests; `usage` is the sum of their tokens."""
         usd = nan if price is None else cost(usage, price)
         return cls(requests, usage.read, usage.output, usd)
-
-    @classmethod
-    def at_most(cls, requests: float, usage: Usage, price: Price | None) -> Bill:
-        """Upper bound of a bill, with or without writing to the cache; `usage` is one, too."""
-        if price is not None:
-            write = max(price.input, price.cache_write)
-            price = price.model_copy(update={"cache_write": write})
-        return cls.of(requests, usage, price)
 
     def __add__(self, other: Bill) -> Bill:
         return Bill(*map(add, astuple(self), astuple(other)))
@@ -109,79 +74,53 @@ class Bill:
 
     def capped(self, caps: Caps) -> Bill:
         """The bill, each sum limited by its cap; an unknown price remains so."""
-        limits = {name: getattr(caps, name) for name in asdict(self)}
-        sums = asdict(self).items()
-        return Bill(*(n if limits[name] is None else min(n, limits[name]) for name, n in sums))
+        return Bill(*(min(n, most) for n, most in zip(astuple(self), limits(caps), strict=True)))
 
     def over(self, caps: Caps) -> str:
         """The first cap that the bill exceeds, as NAME=VALUE; "" for none."""
-        for name, amount in asdict(self).items():
-            if (cap := getattr(caps, name)) is not None and amount > cap:
-                return f"{name}={cap}"
-        return ""
+        sums = zip(asdict(self).items(), limits(caps), strict=True)
+        return next((f"{name}={most:g}" for (name, n), most in sums if n > most), "")
 
 
-def known_usage(answer: Reply | Failure) -> Usage | None:
-    """The tokens of an answer; None if unknown, for a lost answer or a server without counts.
+def limits(caps: Caps) -> list[float]:
+    """The caps of a bill's sums; infinite without a cap."""
+    values = (getattr(caps, field.name) for field in fields(Bill))
+    return [inf if cap is None else cap for cap in values]
 
-    Rejected requests are not charged.
+
+def wait_for_turn(
+    settings: LLMSettings,
+    request: Request,
+    sleep: Callable[[float], None] = time.sleep,
+    clock: Callable[[], float] = time.time,
+) -> float:
+    """Waits for the turn of a request among the user's runs on this machine; returns the seconds.
+
+    Runs that ask the same server share a file under a lock, which has the time from which the next
+    request may be sent. Without limits nobody waits.
+
+    Args:
+        settings: have the limits of the account.
+        request: to be sent next.
+        sleep: replaces time.sleep in tests.
+        clock: replaces time.time in tests.
     """
-    if isinstance(answer, Reply):
-        return answer.usage
-    return None if answer.kind in CHARGED else Usage()
-
-
-class Pace:
-    """Takes turns with the other runs of the user on this machine, by a file under a lock."""
-
-    def __init__(self, limits: PerMinute, place: str, folder: Path, characters: float) -> None:
-        """Waits for nothing yet.
-
-        Args:
-            limits: of the account.
-            place: the server's address or name; runs that ask the same one take turns.
-            folder: of the file, which has the time from which the next request may be sent.
-            characters: per token, approximately.
-        """
-        self.limits, self.characters = limits, characters
-        self.path = folder / f"islandgp-{sha256_of([place, getuser()])[:16]}.turn"
-
-    @classmethod
-    def of(cls, settings: LLMSettings) -> Pace | None:
-        """The turns of a run; None without limits."""
-        limits, folder = settings.per_minute, Path(gettempdir())
-        if limits.requests is None and limits.input_tokens is None:
-            return None
-        return cls(limits, settings.place, folder, settings.facts.characters)
-
-    def wait(
-        self,
-        request: Request,
-        sleep: Callable[[float], None] = time.sleep,
-        clock: Callable[[], float] = time.time,
-    ) -> float:
-        """Waits for the turn of a request; returns the seconds that it took.
-
-        Args:
-            request: to be sent next.
-            sleep: replaces time.sleep in tests.
-            clock: replaces time.time in tests.
-        """
-        needs = {
-            self.limits.requests: 1.0,
-            self.limits.input_tokens: request.characters / self.characters,
-        }
-        gap = max(60 * n / limit for limit, n in needs.items() if limit is not None)
-        began = clock()
-        with FileLock(f"{self.path}.lock"):  # also while it sleeps: the others are after it
-            try:
-                free = float(self.path.read_text())
-            except (OSError, ValueError):
-                free = 0.0
-            if 0 < (left := free - clock()) < LONGEST_TURN:
-                sleep(left)
-            self.path.write_text(repr(clock() + gap))
-        return clock() - began
+    account, tokens = settings.per_minute, request.characters / settings.facts.characters
+    needs = ((account.requests, 1.0), (account.input_tokens, tokens))
+    gaps = [60 * need / limit for limit, need in needs if limit is not None]
+    if not gaps:
+        return 0.0
+    name = f"islandgp-{sha256_of([settings.place, getuser()])[:16]}.turn"
+    path, began = Path(gettempdir()) / name, clock()
+    with FileLock(f"{path}.lock"):  # also while it sleeps: the others are after it
+        try:
+            free = float(path.read_text())
+        except (OSError, ValueError):
+            free = 0.0
+        if 0 < (left := free - clock()) < LONGEST_TURN:
+            sleep(left)
+        path.write_text(repr(clock() + max(gaps)))
+    return clock() - began
 
 
 class Ledger:
@@ -191,10 +130,6 @@ class Ledger:
         """Makes the ledger of a run; price=None: dollars are not counted."""
         self.transcript, self.price, self.caps = transcript, price, caps
 
-    def usd(self, usage: Usage) -> float | None:
-        """Cost of an answer in US dollars; None if the price is unknown."""
-        return None if self.price is None else cost(usage, self.price)
-
     def over(self, next_at_most: Usage, waited: float = 0.0) -> str:
         """A text on the cap that another request could exceed; "" for none.
 
@@ -202,7 +137,7 @@ class Ledger:
             next_at_most: upper bound of the request's tokens.
             waited: seconds of waiting before it that are in no attempt yet.
         """
-        if cap := (self.most() + Bill.at_most(1, next_at_most, self.price)).over(self.caps):
+        if cap := (self.most() + Bill.of(1, next_at_most, self.price)).over(self.caps):
             return f"another request could pass the cap {cap}"
         if self.seconds_left() <= waited:
             return f"the cap seconds={self.caps.seconds:g} is reached"
@@ -221,12 +156,8 @@ class Ledger:
 
     def most(self) -> Bill:
         """Upper bound of the costs of all requests so far."""
-        bills = [
-            (Bill.at_most if a.usage is None else Bill.of)(1, a.at_most, self.price)
-            for a in self._sent
-        ]
-        bills += [Bill.at_most(1, r.at_most, self.price) for r in self.transcript.unanswered()]
-        return sum(bills, Bill.of(0, Usage(), self.price))
+        most = [a.at_most for a in self._sent] + [r.at_most for r in self.transcript.unanswered()]
+        return Bill.of(len(most), sum(most, Usage()), self.price)
 
     @property
     def _sent(self) -> list[Attempt]:
@@ -269,19 +200,20 @@ class SupervisedRuns:
 
     settings: LLMSettings
     context: RunContext
-    lag: int  # generations
     number: int = 1
 
     @property
     def times(self) -> int:
         """Generations with questions; answers after the last generation have no use."""
-        return max(0, self.context.generations - 1 - self.lag)
+        return max(0, self.context.generations - 1 - self.context.lag)
 
 
 def costs(runs: Sequence[SupervisedRuns]) -> str:
     """A line on what all runs together are expected to cost, and on the most they can cost."""
     number = sum(r.number for r in runs)
-    likely, most = (sum(map(bill, runs), Bill()) for bill in (expected, at_most))
+    likely, most = (
+        sum((bill(r).times(r.number) for r in runs), Bill()) for bill in (expected, at_most)
+    )
     return (
         f"The language model ({', '.join(sorted({r.settings.model_name for r in runs}))}):"
         f" {_words(likely)} are expected in {number} run{'s' * (number != 1)}, at most"
@@ -296,19 +228,19 @@ def _words(bill: Bill) -> str:
 
 
 def expected(runs: SupervisedRuns) -> Bill:
-    """The expected bill: each question has one answer of ANSWER tokens, nothing is cached.
+    """The expected bill of one run: each question has one answer of ANSWER tokens.
 
-    A model that thinks uses THOUGHTS further tokens.
+    A model that thinks uses THOUGHTS further tokens. Nothing is read from a cache.
     """
-    settings, times, questions = runs.settings, runs.times, Questions(runs.settings, runs.context)
+    settings, questions = runs.settings, Questions(runs.settings, runs.context)
     characters = sum(
         questions.request(part).characters + ADDED[part] + ADDED_INFORMED[part] * questions.informed
         for part in questions.parts
     )
-    output = times * len(questions.parts) * answer_tokens(settings)
-    usage = Usage(round(times * characters / settings.facts.characters), output)
-    bill = Bill.of(times * len(questions.parts) + 1, usage, settings.price)  # and the probe
-    return bill.times(runs.number)
+    number = runs.times * len(questions.parts)
+    tokens = round(runs.times * characters / settings.facts.characters)
+    usage = Usage(tokens, number * answer_tokens(settings))
+    return Bill.of(number + 1, usage, settings.price)  # and the probe
 
 
 def answer_tokens(settings: LLMSettings) -> int:
@@ -317,16 +249,15 @@ def answer_tokens(settings: LLMSettings) -> int:
 
 
 def at_most(runs: SupervisedRuns) -> Bill:
-    """The upper bound of the bill: all attempts fail late, with repairs and the longest answers.
+    """The upper bound of the bill of one run, within its caps.
 
-    Caps limit it.
+    All attempts fail late, with repairs and the longest answers.
     """
-    settings = runs.settings
+    settings, questions = runs.settings, Questions(runs.settings, runs.context)
     times = runs.times * settings.retry.attempts * (1 + settings.repairs)
     longer = MAX_QUOTED * settings.repairs + ADDED_MOST
     bill = Bill.of(PROBES * settings.retry.attempts, Usage(), settings.price)
-    questions = Questions(settings, runs.context)
     for part in questions.parts:
-        tokens = most_tokens(questions.request(part), longer=longer)
-        bill += Bill.at_most(1, tokens, settings.price).times(times)
-    return bill.capped(settings.caps).times(runs.number)
+        tokens = questions.request(part).most_tokens(longer=longer)
+        bill += Bill.of(1, tokens, settings.price).times(times)
+    return bill.capped(settings.caps)

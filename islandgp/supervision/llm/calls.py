@@ -1,7 +1,7 @@
 """Calls: requests with retries, recorded in the transcript.
 
-`LiveCalls` uses the network, except for calls that are in the transcript already.
-`supervision.replay.RecordedCalls` uses a transcript only.
+A call that is in the transcript is answered from there, so a resumed run asks nothing twice, and a
+replay nothing at all.
 
 This is the only layer with retries (section 2.4.5). `converse` sends a question and, if the answer
 is rejected, repair turns that quote the error. `supported` and `ask_with_less` find out what a
@@ -10,20 +10,24 @@ server accepts: optional parameters that it rejects are left out.
 
 from __future__ import annotations
 
+import json
 import logging
 import re
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from datetime import UTC, datetime
-from typing import Final, Protocol
+from difflib import unified_diff
+from itertools import islice
+from typing import Final
 
 import numpy as np
 
 from islandgp.errors import SupervisionError
 from islandgp.seeding import Stream, stream
 from islandgp.supervision.base import Guidance
-from islandgp.supervision.llm.answers import Accepted, Check, Rejection, RejectionStage
-from islandgp.supervision.llm.budget import Ledger, Pace, known_usage, most_tokens
+from islandgp.supervision.llm.answers import Accepted, Check, RejectionStage
+from islandgp.supervision.llm.budget import Ledger, cost, wait_for_turn
 from islandgp.supervision.llm.message import (
     CHARGED,
     HOPELESS,
@@ -35,9 +39,11 @@ from islandgp.supervision.llm.message import (
     Reply,
     Request,
 )
-from islandgp.supervision.llm.settings import LLMSettings, Outage
+from islandgp.supervision.llm.questions import Questions
+from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.transcript import Attempt, Call, Conclusion, Sent, Transcript
 
+MAX_DIFFERENCE: Final = 40  # most lines of the difference of two requests
 REASON: Final = 600  # most characters of a fallback's reason in the record
 SLOTS: Final = {"probe": 0, "rate": 1, "tree": 2, "edits": 3}  # of Stream.NETWORK
 OPTIONAL: Final = {
@@ -48,58 +54,39 @@ OPTIONAL: Final = {
 """Parameters of requests that a server may reject, with patterns of their names in its errors."""
 
 
-class Calls(Protocol):
-    """Interface of what answers calls: the network or a transcript."""
-
-    transcript: Transcript  # of all calls so far
-
-    def ask(self, call: Call, request: Request) -> Reply | Failure:
-        """Returns the answer to a call after all attempts.
-
-        Args:
-            call: its place in the run.
-            request: the request.
-        """
-        ...
-
-
-class LiveCalls:
-    """Sends requests by a client, within the caps."""
+class Calls:
+    """Answers calls by a client, within the caps, or from the transcript."""
 
     def __init__(
         self,
-        client: Client,
+        client: Client | None,
         transcript: Transcript,
         settings: LLMSettings,
         *,
         seed: int,
-        on_outage: Outage | None = None,
         sleep: Callable[[float], None] = time.sleep,
     ) -> None:
         """Sends nothing yet.
 
         Args:
-            client: makes the attempts.
-            transcript: of the run.
+            client: makes the attempts; None: the transcript is fixed and has all answers.
+            transcript: of the run. Once it is fixed, nothing is sent any more.
             settings: of the model: caps, attempts, waiting times and turns with other runs.
             seed: of the run, for the jitter of waiting times.
-            on_outage: what follows the last attempt; "wait" has no last one before the caps. None:
-                as the settings say.
             sleep: replaces time.sleep in tests.
         """
-        self.client, self.transcript, self.seed, self.sleep = client, transcript, seed, sleep
+        self.client, self.transcript, self.settings = client, transcript, settings
+        self.seed, self.sleep = seed, sleep
         self.ledger = Ledger(transcript, settings.price, settings.caps)
-        self.retry = settings.retry.model_copy(update={"deadline": settings.deadline})
-        self.on_outage = on_outage or settings.on_outage
-        self.pace = Pace.of(settings)
-        self._closed = False
 
     def ask(self, call: Call, request: Request) -> Reply | Failure:
-        """See `Calls`. An answer in the transcript to the same request is used again.
+        """The answer to a call after all attempts.
+
+        An answer in the transcript to the same request is used again.
 
         Raises:
             SupervisionError: no answer, and `on_outage` is "stop"; or "wait", and waiting is no
-                help.
+                help; or the transcript is fixed, and has no answer or one to another request.
         """
         done = [a for a in self.transcript.of(call) if a.request.digest == request.digest]
         slot = 10 * SLOTS[call.part] + call.turn
@@ -108,18 +95,20 @@ class LiveCalls:
         if isinstance(answer, Failure) and self._stops(call, answer):
             answer, number = None, 0  # it stopped the run, or kept it from starting
         while answer is None or not self._is_last(call, answer, number):
+            if self.transcript.fixed:
+                raise _not_recorded(self.transcript, call, request)
             waited = 0.0
             if isinstance(answer, Failure):
                 waited = min(self._delay(answer, number, rng), self.ledger.seconds_left())
                 self.sleep(waited)
-            waited += self.pace.wait(request) if self.pace is not None else 0
+            waited += wait_for_turn(self.settings, request)
             number += 1
             answer = self._attempt(call, number, request, waited)
         if isinstance(answer, Failure) and call.part != "probe" and self._stops(call, answer):
             raise SupervisionError(
                 f"Expected an answer of the model {request.model}, found {answer.kind}"
                 f" ({answer.message}); the run stops"
-                f" (supervisor.policy.on_outage={self.on_outage})."
+                f" (supervisor.policy.on_outage={self.settings.on_outage})."
                 " The same command continues it once the server answers."
             )
         return answer
@@ -128,10 +117,11 @@ class LiveCalls:
         """True if no attempt follows; "wait" waits on while that costs nothing, up to the caps."""
         if isinstance(answer, Reply) or answer.kind not in TRANSIENT:
             return True
-        is_long = (answer.retry_after or 0) > self.retry.retry_after_most
-        if self.on_outage != "wait" or answer.kind in CHARGED or call.part == "probe":
-            return attempt >= self.retry.attempts or (is_long and self.on_outage != "wait")
-        if attempt % self.retry.attempts == 0:
+        retry, waits = self.settings.retry, self.settings.on_outage == "wait"
+        if not waits or answer.kind in CHARGED or call.part == "probe":
+            is_long = (answer.retry_after or 0) > retry.retry_after_most
+            return attempt >= retry.attempts or (is_long and not waits)
+        if attempt % retry.attempts == 0:
             logging.getLogger("islandgp").warning(
                 "No answer of the model (%s); it is asked again (on_outage=wait)", answer.message
             )
@@ -143,7 +133,8 @@ class LiveCalls:
         At least what the server requests; otherwise exponential backoff times a factor in [0.5, 1],
         so that the runs of a sweep do not retry at the same time.
         """
-        backoff = min(self.retry.longest_wait, self.retry.first_wait * 2.0 ** (attempt - 1))
+        retry = self.settings.retry
+        backoff = min(retry.longest_wait, retry.first_wait * 2.0 ** (attempt - 1))
         return max(failure.retry_after or 0.0, backoff * float(rng.uniform(0.5, 1)))
 
     def _stops(self, call: Call, failure: Failure) -> bool:
@@ -151,44 +142,51 @@ class LiveCalls:
         if call.part == "probe":
             return failure.kind is not FailureKind.BUDGET
         stopping = {"fallback": frozenset[FailureKind](), "wait": HOPELESS}
-        return failure.kind in stopping.get(self.on_outage, HOPELESS | TRANSIENT)
-
-    def close(self) -> None:
-        """Ends a call in another thread without recording it; a resumed run makes it again."""
-        self._closed = True
+        return failure.kind in stopping.get(self.settings.on_outage, HOPELESS | TRANSIENT)
 
     def _attempt(self, call: Call, number: int, request: Request, waited: float) -> Reply | Failure:
-        self._check_open()
-        self.client.open()
-        bound = most_tokens(request)
+        assert self.client is not None
+        settings, bound = self.settings, request.most_tokens()
         at, began = datetime.now(UTC).isoformat(timespec="milliseconds"), time.monotonic()
-        seconds = min(self.retry.deadline, self.ledger.seconds_left() - waited)
+        seconds = min(settings.deadline, self.ledger.seconds_left() - waited)
         answer: Reply | Failure
         if reason := self.ledger.over(bound, waited):
             answer = Failure(FailureKind.BUDGET, reason)
         else:
             self.transcript.add(Sent(call, number, bound, round(waited + seconds, 3)))
             answer = self.client.send(request, seconds=seconds)
-        self._check_open()
-        usage = known_usage(answer)
-        attempt = Attempt(
-            call=call,
-            number=number,
-            request=request,
-            answer=answer,
-            usage=usage,
-            at_most=bound if usage is None else usage,
-            usd=None if usage is None else self.ledger.usd(usage),
-            seconds=round(time.monotonic() - began, 3),
-            waited=round(waited, 3),
-            at=at,
-        )
+        usd, took = None, round(time.monotonic() - began, 3)
+        attempt = Attempt(call, number, request, answer, usd, took, round(waited, 3), at)
+        if settings.price is not None and attempt.usage is not None:
+            attempt = replace(attempt, usd=cost(attempt.usage, settings.price))
         self.transcript.add(attempt)
         return answer
 
-    def _check_open(self) -> None:
-        if self._closed:
-            raise SupervisionError("The run has ended; this answer is not needed.")
+
+def _not_recorded(transcript: Transcript, call: Call, request: Request) -> SupervisionError:
+    """The error for a call that a fixed transcript cannot answer."""
+    name, done = transcript.path or "the transcript", transcript.of(call)
+    if not done or done[-1].request.digest == request.digest:
+        return SupervisionError(
+            f"Expected an answer in {name} for the {call}, found none: the recorded run"
+            " ended earlier, or made fewer requests."
+        )
+    texts = (_lines(done[-1].request), _lines(request))
+    difference = islice(unified_diff(*texts, "recorded", "now", lineterm="", n=1), MAX_DIFFERENCE)
+    return SupervisionError(
+        f"Expected the recorded request in {name} for the {call}, found another one:\n"
+        + "\n".join(difference)
+        + "\nA replay needs the code, the prompts, the configuration and the seed of the"
+        " recorded run, and its answers as they were."
+    )
+
+
+def _lines(request: Request) -> list[str]:
+    """A request as lines that can be compared."""
+    plain = request.plain()
+    texts = [plain.pop("system"), *plain.pop("turns")]
+    settings = [f"{key}: {json.dumps(value)}" for key, value in plain.items()]
+    return [*settings, *(line for text in texts for line in text.splitlines())]
 
 
 def supported(request: Request, transcript: Transcript, generation: int) -> Request:
@@ -230,25 +228,16 @@ Answer = tuple[Guidance | None, dict[str, str]]
 
 
 def converse(
-    calls: Calls,
-    generation: int,
-    part: str,
-    request: Request,
-    check: Check,
-    *,
-    repairs: int,
-    repair: Callable[[Rejection], str],
+    calls: Calls, questions: Questions, call: Call, request: Request, check: Check
 ) -> Answer:
     """Asks a question, with repair turns if the answer is rejected.
 
     Args:
         calls: to make the calls with.
-        generation: to which the question belongs.
-        part: of the guidance.
+        questions: have the text of a repair turn.
+        call: of the question.
         request: the question.
         check: accepts or rejects an answer.
-        repairs: most repair turns, >= 0.
-        repair: makes the text of a repair turn from a rejection.
 
     Returns:
         The guidance and notes; the conclusion is added to the transcript.
@@ -256,9 +245,10 @@ def converse(
     rejected: list[RejectionStage] = []
     prompts: list[str] = []
     guidance, source, reason, failed = None, "fallback", "", ""
-    for turn in range(1 + repairs):
+    request = supported(request, calls.transcript, call.generation)
+    for turn in range(1 + calls.settings.repairs):
         prompts.append(request.prompt_digest)
-        request, answer = ask_with_less(calls, Call(generation, part, turn), request)
+        request, answer = ask_with_less(calls, replace(call, turn=turn), request)
         if isinstance(answer, Failure):
             reason, failed = f"{answer.kind}: {answer.message}", answer.kind.value
             break
@@ -271,8 +261,8 @@ def converse(
         reason = f"{checked.stage}: {checked.error}"
         if checked.stage is RejectionStage.REFUSED:
             break
-        request = request.followed_by(answer.text[:MAX_QUOTED], repair(checked))
-    end = Conclusion(generation, part, source, reason, tuple(rejected), failed)
+        request = request.followed_by(answer.text[:MAX_QUOTED], questions.repair(checked))
+    end = Conclusion(call.generation, call.part, source, reason, tuple(rejected), failed)
     return guidance, concluded(calls, end, prompts)
 
 

@@ -18,7 +18,7 @@ from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from threading import Lock, get_ident
+from threading import Lock
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
 
@@ -57,6 +57,10 @@ class ThreadClient(Client, ABC):
     """A client whose attempts run in threads; see `Client`."""
 
     @abstractmethod
+    def open(self) -> None:
+        """Imports packages or loads a model: seconds that do not count toward an attempt."""
+
+    @abstractmethod
     def attempt(self, request: Request, seconds: float) -> Reply | Failure:
         """Makes one attempt, which may last longer than the deadline."""
 
@@ -70,7 +74,7 @@ class ThreadClient(Client, ABC):
 
 
 class ServerClient(ThreadClient):
-    """Sends requests by a client of the SDK."""
+    """Sends requests by a client of the SDK. Each request has a connection of its own."""
 
     def __init__(
         self,
@@ -96,24 +100,12 @@ class ServerClient(ThreadClient):
         self._interface = interface
         self._secrets = [key or "", *secrets]
         self._sdk: Any = None
-        self._closed = False
-        self._running: set[int] = set()  # threads of attempts
 
     def open(self) -> None:
-        """See `Client`."""
+        """See `ThreadClient`."""
         if self._sdk is None:
             self._sdk = self._make()
             self._secrets += secrets_in(vars(self._sdk))
-
-    def close(self) -> None:
-        """See `Client`."""
-        self._closed = True
-        self._close_if_idle()
-
-    def _close_if_idle(self) -> None:
-        # Closed while a connection is made, the SDK's client would leave it open.
-        if self._closed and not self._running and self._sdk is not None:
-            self._sdk.close()
 
     def attempt(self, request: Request, seconds: float) -> Reply | Failure:
         """See `ThreadClient`."""
@@ -122,7 +114,6 @@ class ServerClient(ThreadClient):
         interface = INTERFACES[self._interface]
         errors = import_module(interface.sdk.partition(":")[0])
         headers = {"accept-encoding": "identity", **interface.headers}
-        self._running.add(get_ident())
         try:
             response = self._sdk.post(
                 interface.path,
@@ -140,9 +131,6 @@ class ServerClient(ThreadClient):
             cause = error.__cause__ or error
             text = line(self._hide(f"{type(cause).__name__}: {cause}"))
             return Failure(_kind_of(cause), text)
-        finally:
-            self._running.discard(get_ident())
-            self._close_if_idle()
 
     def _hide(self, text: str) -> str:
         """A text without secrets."""
@@ -236,6 +224,7 @@ def _http(transport: httpx2.BaseTransport | None) -> httpx2.Client:
 
     return httpx2.Client(
         transport=transport,
+        limits=httpx2.Limits(max_keepalive_connections=0),  # so that none is left to close
         follow_redirects=False,  # a redirect could send the key elsewhere; the API has none
         event_hooks={"response": [read_whole]},
     )
@@ -274,7 +263,7 @@ class LocalClient(ThreadClient):
         self._busy = Lock()  # held by a request, also if it is too late
 
     def open(self) -> None:
-        """See `Client`. Loads the model, which takes seconds.
+        """See `ThreadClient`.
 
         Raises:
             SupervisionError: the file is not a model that llama.cpp can load.
@@ -307,7 +296,3 @@ class LocalClient(ThreadClient):
             except Exception as error:  # of llama.cpp, for a grammar or a prompt that it refuses
                 return refused(400, str(error), {})
         return read_body("local", json.dumps(answer))
-
-    def close(self) -> None:
-        """See `Client`."""
-        self._server = None

@@ -84,7 +84,6 @@ class Request:
     max_tokens: int  # of the answer, thinking included
     temperature: float | None = None  # None: not sent
     schema: dict[str, Any] | None = None  # JSON schema of the answer; None: not sent
-    cache: bool = False  # let the server cache the system prompt
     extra: dict[str, Any] | None = None  # further fields of the request's body; None: none
     grammar: str | None = None  # of the answer, in GBNF, sent instead of the schema
 
@@ -102,6 +101,18 @@ class Request:
     def characters(self) -> int:
         """The length of the prompt."""
         return len(self.system) + sum(map(len, self.turns))
+
+    def most_tokens(self, *, longer: int = 0) -> Usage:
+        """Upper bound of the tokens, of a request that quotes `longer` further characters.
+
+        Prompts and JSON have three to four bytes per token; the bound assumes two. A quoted answer
+        may be in any script, with as little as one byte per token, but has at most `max_tokens`.
+        The constant is for the frame of the message.
+        """
+        texts = (self.system, *self.turns[::2], json.dumps([self.schema, self.extra]))
+        known = sum(len(text.encode()) // 2 for text in texts) + 500
+        quoted = longer + sum(len(text.encode()) for text in self.turns[1::2])
+        return Usage(known + max(quoted // 2, min(quoted, self.max_tokens)), self.max_tokens)
 
     def plain(self) -> dict[str, Any]:
         """The request as JSON values, without secrets in the extra fields."""
@@ -139,10 +150,6 @@ class Failure:
 class Client(Protocol):
     """Makes single attempts at requests. A server cannot make it raise an exception."""
 
-    def open(self) -> None:
-        """Imports the SDK, which may take seconds that do not count toward an attempt."""
-        ...
-
     def send(self, request: Request, *, seconds: float) -> Reply | Failure:
         """Makes one attempt.
 
@@ -153,10 +160,6 @@ class Client(Protocol):
         Returns:
             The reply, or the failure.
         """
-        ...
-
-    def close(self) -> None:
-        """Closes connections; the client is not used afterwards."""
         ...
 
 
@@ -207,16 +210,13 @@ def _turns(request: Request) -> list[dict[str, str]]:
 
 def message_body(request: Request) -> dict[str, Any]:
     """The body of a request of the Messages API."""
-    system: Any = request.system
-    if request.cache:  # the cache ends here, as the text after it changes each time
-        system = [{"type": "text", "text": system, "cache_control": {"type": "ephemeral"}}]
     extra = dict(request.extra or {})
     if request.schema:
         answer = {"format": {"type": "json_schema", "schema": request.schema}}
         extra["output_config"] = {**extra.get("output_config", {}), **answer}
     heat = {} if request.temperature is None else {"temperature": request.temperature}
-    frame = {"model": request.model, "max_tokens": request.max_tokens, "system": system}
-    return {**frame, "messages": _turns(request), **heat, **extra}
+    frame = {"model": request.model, "max_tokens": request.max_tokens}
+    return {**frame, "system": request.system, "messages": _turns(request), **heat, **extra}
 
 
 def chat_body(request: Request) -> dict[str, Any]:

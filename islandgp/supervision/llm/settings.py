@@ -154,7 +154,6 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     temperature: float | None = Field(ge=0, le=2)  # sent if the model accepts one
     output: Literal["auto", "grammar", "structured", "text"]  # auto: the first that is taken
     extra_body: dict[str, Any] | None = None  # further fields of each request's body
-    cache: bool  # let the server cache the system prompts
     retry: RetrySettings
     repairs: int = Field(ge=0, le=5)  # further turns after a rejected answer
     rates: Rates  # lowest and highest accepted mutation rate

@@ -23,7 +23,6 @@ from islandgp.supervision.llm.answers import DecisionAnswer
 from islandgp.supervision.llm.calls import (
     Answer,
     Calls,
-    LiveCalls,
     ask_with_less,
     concluded,
     converse,
@@ -128,13 +127,8 @@ class Adviser:
             why = f"{failure.kind}: {failure.message}"
             end = Conclusion(generation, part, "fallback", why, (), failure.kind.value)
             return None, concluded(calls, end)
-        return converse(
-            *(calls, generation, part),
-            supported(questions.request(part, state), calls.transcript, generation),
-            questions.check(part, state),
-            repairs=self.settings.repairs,
-            repair=questions.repair,
-        )
+        request, check = questions.request(part, state), questions.check(part, state)
+        return converse(calls, questions, Call(generation, part, 0), request, check)
 
     def _given_up(self, calls: Calls, generation: int, part: str) -> Failure | None:
         """The failure if the model is not asked for this part of a generation; None if it is.
@@ -207,11 +201,11 @@ class LLM:
         self._warned: set[str] = set()
 
     @cached_property
-    def calls(self) -> LiveCalls:
+    def calls(self) -> Calls:
         """The calls of the run, with its transcript."""
         folder = self.context.folder
         transcript = Transcript(None if folder is None else folder / NAME)
-        return LiveCalls(self.client, transcript, self.settings, seed=self.context.seed)
+        return Calls(self.client, transcript, self.settings, seed=self.context.seed)
 
     def start(self) -> str:
         """See `SupervisorLifecycle`. Opens the transcript and probes the server."""
@@ -252,9 +246,8 @@ class LLM:
         return self.calls.ledger.totals() if self.calls.transcript.of_kind(object) else {}
 
     def close(self) -> None:
-        """See `SupervisorLifecycle`."""
-        self.calls.close()  # also for a question that begins in another thread
-        self.client.close()
+        """See `SupervisorLifecycle`. An answer that comes later is not recorded."""
+        self.calls.transcript.fixed = True
 
     def _warn(self, guidance: Guidance, generation: int) -> None:
         """Logs two things, each once: that the model is no longer asked, and that prompts are cut.
@@ -284,13 +277,7 @@ class LLM:
         self._warned |= lines.keys()
 
 
-class Local(LLM):
-    """A small model in this process; the settings choose it."""
-
-    name = "local"
-
-
-def probe(calls: LiveCalls, settings: LLMSettings) -> str:
+def probe(calls: Calls, settings: LLMSettings) -> str:
     """Asks for a greeting; returns what the server supports, in words.
 
     Raises:

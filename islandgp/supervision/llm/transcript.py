@@ -2,8 +2,7 @@
 
 Resumed runs and replays read answers from it, and the ledger sums up its tokens. The lines are
 JSON objects. The field `line` is the kind of a line, the other fields are those of its class in
-KINDS. The request of an attempt has the hash of its system prompt, whose text is in a line of its
-own.
+KINDS.
 """
 
 from __future__ import annotations
@@ -11,9 +10,9 @@ from __future__ import annotations
 import json
 import os
 import textwrap
-from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, Final, TypeVar
 
@@ -21,19 +20,18 @@ from islandgp.errors import SupervisionError
 from islandgp.gate import read_bytes
 from islandgp.plain import DECODE_ERRORS, from_json, read_json
 from islandgp.supervision.llm.message import (
+    CHARGED,
     Failure,
     FailureKind,
     Reply,
     Request,
     Usage,
-    sha256_of,
 )
 
 E = TypeVar("E")
 
 NAME: Final = "transcript.jsonl"
 MAX_SHOWN: Final = 500  # most characters of an answer in a description of all of them
-_SHARED: Final = ("system", "grammar")  # fields of requests whose texts are written once
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,14 +39,6 @@ class Start:
     """The beginning of a run."""
 
     settings: dict[str, Any]  # of the supervisor
-
-
-@dataclass(frozen=True, slots=True)
-class SharedText:
-    """A system prompt or a grammar, before the first attempt that sends it."""
-
-    sha256: str  # hexadecimal
-    text: str
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,12 +72,25 @@ class Attempt:
     number: int  # from 1
     request: Request
     answer: Reply | Failure
-    usage: Usage | None  # tokens; None: unknown
-    at_most: Usage  # upper bound of the tokens; `usage` if that is known
     usd: float | None  # of `usage`; None: unknown tokens or an unknown price
     seconds: float  # until the answer
     waited: float  # s before the attempt
     at: str  # ISO time of the start
+
+    @property
+    def usage(self) -> Usage | None:
+        """The tokens; None if unknown, for a lost answer or a server without counts.
+
+        Rejected requests are not charged.
+        """
+        if isinstance(self.answer, Reply):
+            return self.answer.usage
+        return None if self.answer.kind in CHARGED else Usage()
+
+    @property
+    def at_most(self) -> Usage:
+        """Upper bound of the tokens."""
+        return self.request.most_tokens() if self.usage is None else self.usage
 
     @property
     def failed(self) -> FailureKind | None:
@@ -107,11 +110,10 @@ class Conclusion:
     failed: str = ""  # kind of the failure that ended it, else ""
 
 
-Entry = Start | SharedText | Sent | Attempt | Conclusion
+Entry = Start | Sent | Attempt | Conclusion
 
 KINDS: Final[Mapping[str, type[Entry]]] = {
     "start": Start,
-    "system": SharedText,
     "sent": Sent,
     "attempt": Attempt,
     "part": Conclusion,
@@ -121,25 +123,16 @@ _NAMES: Final = {kind: name for name, kind in KINDS.items()}
 
 def read_entries(content: bytes, path: Path) -> Iterator[Entry]:
     """The entries of a transcript's lines. Raises SupervisionError for a damaged line."""
-    texts: dict[str, str] = {}
     for number, raw in enumerate(content.splitlines(), 1):
         try:
             values = read_json(raw)
-            kind = KINDS[values.pop("line")]
-            if kind is Attempt:
-                for name in _SHARED:
-                    if digest := values["request"].get(name):
-                        values["request"][name] = texts[digest]
-            entry = from_json(kind, values)
+            yield from_json(KINDS[values.pop("line")], values)
         except DECODE_ERRORS as error:
             raise SupervisionError(
                 f"Expected {path} as it was written, found line {number} damaged"
                 f" ({type(error).__name__}: {error}); restore the original, or start the run again"
                 " with resume=never."
             ) from None
-        if isinstance(entry, SharedText):
-            texts[entry.sha256] = entry.text
-        yield entry
 
 
 class Transcript:
@@ -150,7 +143,7 @@ class Transcript:
 
         Args:
             path: of the file; None: in memory only.
-            fixed: True: nothing is added to it.
+            fixed: True: nothing is added to it, as by a replay or after the run's end.
 
         Raises:
             SupervisionError: the file is not a transcript, or is damaged.
@@ -188,16 +181,15 @@ class Transcript:
         return [a for a in self.attempts if a.call == call]
 
     def unanswered(self) -> list[Sent]:
-        """The requests without an outcome."""
-        sent = [a for a in self.attempts if a.failed is not FailureKind.BUDGET]
-        answered = Counter((a.call, a.number) for a in sent)
-        requests = []
-        for request in reversed(self.of_kind(Sent)):  # of two the later has the outcome
-            if answered[request.call, request.number]:
-                answered[request.call, request.number] -= 1
-            else:
-                requests.append(request)
-        return requests
+        """The requests without an outcome: the next entry is not their attempt."""
+        kinds = (Sent, Attempt)
+        entries = [entry for entry in self.of_kind(object) if isinstance(entry, kinds)]
+        return [
+            sent
+            for sent, after in pairwise([*entries, None])
+            if isinstance(sent, Sent)
+            and (not isinstance(after, Attempt) or after.failed is FailureKind.BUDGET)
+        ]
 
     def add(self, entry: Entry) -> None:
         """Writes an entry to the file before it returns.
@@ -210,10 +202,6 @@ class Transcript:
         values = asdict(entry)
         if isinstance(entry, Attempt):
             values["request"] = entry.request.plain()
-            for name in _SHARED:
-                if (text := getattr(entry.request, name)) is not None:
-                    values["request"][name] = sha256_of(text)
-                    self.add(SharedText(sha256_of(text), text))
         self._entries.append(entry)
         self._write({"line": _NAMES[type(entry)], **values})
 

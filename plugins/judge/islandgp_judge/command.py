@@ -83,11 +83,7 @@ def command(
     judge.free(click.echo)
     if policy is not None:
         LLM.check(policy, judge.cases[0].context)
-        client = client_of(policy)
-        try:
-            judge.ask(policy, client, output, click.echo)
-        finally:
-            client.close()
+        judge.ask(policy, client_of(policy), output, click.echo)
     write_results(judge, output)
     rest = verdict(judge)
     click.echo("\n".join(rest[rest.index("") :]))

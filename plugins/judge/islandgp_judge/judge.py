@@ -47,7 +47,7 @@ from islandgp.supervision.base import GenerationView, RunContext
 from islandgp.supervision.editor import Editor, EditorSettings
 from islandgp.supervision.library import Library
 from islandgp.supervision.llm.budget import Bill, answer_tokens
-from islandgp.supervision.llm.calls import LiveCalls, converse, supported
+from islandgp.supervision.llm.calls import Calls, converse
 from islandgp.supervision.llm.history import parents_of
 from islandgp.supervision.llm.message import (
     Client,
@@ -59,7 +59,7 @@ from islandgp.supervision.llm.message import (
 from islandgp.supervision.llm.questions import Questions
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.supervisor import probe
-from islandgp.supervision.llm.transcript import Start, Transcript
+from islandgp.supervision.llm.transcript import Call, Start, Transcript
 from islandgp.text import in_points
 from islandgp_judge.grammar_walk import random_text
 
@@ -258,9 +258,10 @@ class Judge:
         Raises:
             SupervisionError: the server cannot answer.
         """
+        policy = policy.model_copy(update={"on_outage": "stop"})
         for arm in ASKED:
             transcript = Transcript(folder / f"{arm}.jsonl")
-            calls = LiveCalls(client, transcript, policy, seed=0, on_outage="stop")
+            calls = Calls(client, transcript, policy, seed=0)
             if transcript.start is None:
                 probe(calls, policy)
                 transcript.add(Start({"arm": arm}))
@@ -268,15 +269,11 @@ class Judge:
                 self.results.append(self._asked(arm, case, policy, calls))
             echo(self.line(arm))
 
-    def _asked(self, arm: str, case: Case, policy: LLMSettings, calls: LiveCalls) -> EditResult:
+    def _asked(self, arm: str, case: Case, policy: LLMSettings, calls: Calls) -> EditResult:
         questions, request = self.question(arm, case, policy)
-        request = supported(request, calls.transcript, case.index)
         check = questions.check("edits", case.state)
-        guidance, _ = converse(
-            *(calls, case.index, "edits", request, check),
-            repairs=policy.repairs,
-            repair=questions.repair,
-        )
+        call = Call(case.index, "edits", 0)
+        guidance, _ = converse(calls, questions, call, request, check)
         end = next(p for p in calls.transcript.parts if p.generation == case.index)
         if guidance is None:
             source = end.failed or (end.rejected[-1] if end.rejected else "fallback")
