@@ -161,7 +161,9 @@ def test_exports_are_read_back_with_a_model(
 
 def test_quoted_texts_are_not_keys() -> None:
     """The words in a text of a script are not read from the blackboard."""
-    xml = f"<root>{TWO_ACTIONS}<A _skipIf=\"mode == 'in dock' || !hot\"/></root>"
+    leaf = "<Charge _skipIf=\"mode == 'in dock' || !hot\"/>"
+    tree = f"<BehaviorTree ID='T'><Sequence>{leaf}</Sequence></BehaviorTree>"
+    xml = f"<root>{TWO_ACTIONS}{tree}</root>"
     vocabulary = declared(xml, xml, name="m.xml")
     assert {name: key.flag for name, key in vocabulary.keys.items()} == {"hot": True, "mode": False}
 

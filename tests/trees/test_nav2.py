@@ -204,7 +204,7 @@ REFUSED = {
     "<IfThenElse><Go/></IfThenElse>": "expected two or three children in <IfThenElse>, found 1",
     "<WhileDoElse><Go/><Stay/></WhileDoElse>": "a condition as the first child of WhileDoElse",
     "<WhileDoElse><Free/></WhileDoElse>": "two or three children",
-    '<Switch2 variable="{mode}" case_1="1"><Go/><Stay/></Switch2>': "such as level",
+    '<Switch2 variable="{mode}" case_1="1"><Go/><Stay/></Switch2>': "does not fit mode",
     '<Go _skipIf="low"/>': "'_skipIf' is imported only in a Sequence or a Fallback",
     '<Go _onSuccess="x := 1"/>': "'x' is no key that trees write",
     '<RecoveryNode number_of_retries="2"><Go/></RecoveryNode>': "two children in <RecoveryNode>",

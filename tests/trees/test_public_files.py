@@ -49,6 +49,8 @@ FILES = {
     '<ForEachUntilSuccess vector_in="{all}"><Go/></ForEachUntilSuccess>': (
         'inverter { recovery 1000000 { inverter { ForEachUntilSuccess(vector_in: "{all}") }'
         " inverter { Go } } }", "gate"),
+    '<Switch2 variable="{mode}" case_1="dock" case_2="b"><Go/><Say/><Go/></Switch2>': (
+        "switch mode { dock { Go } b { Say } else { Go } }", "equal"),
     "<Sequence>first <Go/> then <Say/></Sequence>": ("sequence { Go Say }", ""),
 }  # fmt: skip
 

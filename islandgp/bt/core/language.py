@@ -213,7 +213,7 @@ def _build(builder: Builder, parts: Sequence[ParsedFile]) -> Node:
     return node
 
 
-def parse_condition(text: str, vocabulary: Vocabulary) -> ConditionExpr:
+def parse_condition(text: str, vocabulary: Vocabulary | None) -> ConditionExpr:
     """Parses a condition, as after `when`. Raises TreeError as `parse`."""
     name = "<condition>"
     if not {"{", "}", "#"}.isdisjoint(text):

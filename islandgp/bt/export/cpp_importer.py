@@ -5,8 +5,9 @@ from __future__ import annotations
 import re
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
+from itertools import islice
 from pathlib import Path
-from typing import Final, NamedTuple, NoReturn, TypeAlias
+from typing import Final, NamedTuple, NoReturn, TypeAlias, TypeVar
 
 from islandgp.bt.analysis.context import without_interrupts
 from islandgp.bt.analysis.names import fresh_name
@@ -16,6 +17,8 @@ from islandgp.bt.core.language import MAX_LEVELS, MAX_NODES
 from islandgp.bt.core.node import (
     ActionArgs,
     AlwaysArgs,
+    Args,
+    GuardArgs,
     Node,
     SetArgs,
     as_subtree,
@@ -30,7 +33,9 @@ from islandgp.bt.core.vocabulary import NAME, RESERVED, Vocabulary
 from islandgp.bt.export.scripts import read_assignments, read_condition
 from islandgp.bt.export.tree_writer import HEADER
 from islandgp.bt.export.xml_reader import Element, XmlTrees
-from islandgp.errors import LimitError, TreeError
+from islandgp.errors import LimitError
+
+T = TypeVar("T")
 
 NOTES: Final = ("name", "_description", "_fullpath", "_uid")
 """Attributes without an effect on the tree; they become comments, `# name: ...`."""
@@ -49,8 +54,11 @@ _RENAMED: Final = {
 """Tags of version 3, with those of version 4."""
 TRUE: Final = ("true", "1")
 _CHILDREN: Final = {(1, 1): "one child", (2, 2): "two children", (2, 3): "two or three children"}
+_TOO_LARGE: Final = (
+    f"expected a tree of at most {MAX_LEVELS} levels and {MAX_NODES} nodes, each SubTree expanded"
+)
 _IN_SCRIPT: Final = re.compile(r"'[^']*'|@?(?<![\w.])(?P<name>[A-Za-z_]\w*)")
-_NUMBER: Final = re.compile(r"-?[0-9]+(\.[0-9]+)?")
+_PLAIN: Final = re.compile(r"\{@?\w+\}|-?[0-9.]+|true|false")
 
 DIFFERENCES: Final = {
     "clock": "the library measures time by the computer's clock; islandgp counts ticks",
@@ -143,18 +151,22 @@ class Importer:
         root: Element,
         vocabulary: Vocabulary,
         folder: Path | None,
+        *,
+        any_key: bool = False,
     ) -> None:
+        """`any_key`: the vocabulary declares no keys, and scripts can have any."""
         self.readers, self.root, self.vocabulary = readers, root, vocabulary
+        self.words = None if any_key else vocabulary  # of scripts
+        self.used: list[Args] = []  # what has been read with keys
         self.differences: dict[str, Difference] = {}
         self._name = name  # of the present file
         self._trees = XmlTrees(root, name, folder)
         self._passed: dict[str, str] = {}  # texts and {entries} by the keys of the present tree
-        self._done: dict[tuple[str, frozenset[tuple[str, str]]], tuple[Node, bool]] = {}
+        self._done: dict[tuple[str, frozenset[tuple[str, str]]], Node] = {}
         self._names = {*RESERVED, *vocabulary.actions}  # of subtrees, and reserved ones
         self._open: list[str] = []  # trees that are being read
         self.above: list[str] = []  # tags of the elements that are being read
         self._elements = 0  # read so far
-        self._sizes: dict[int, tuple[Node, int, int]] = {}  # nodes and levels of a node, by its id
 
     # Trees
 
@@ -170,10 +182,10 @@ class Importer:
                     f" {_listed(trees)}; add it, or choose one by --tree ID",
                 )
             identity = identity or next(iter(trees))
-        return self._subtree(identity, self.root)[0]
+        return self._subtree(identity, self.root)
 
-    def _subtree(self, identity: str, user: Element) -> tuple[Node, bool]:
-        """A tree, and whether it reads the blackboard."""
+    def _subtree(self, identity: str, user: Element) -> Node:
+        """A tree of the file."""
         key = identity, frozenset(self._passed.items())
         if key in self._done:
             return self._done[key]
@@ -189,12 +201,14 @@ class Importer:
         node = commented(self.child(tree), notes_of(tree))
         self._open.pop()
         self._name = name
+        if any(islice(walk(node), MAX_NODES, None)):  # trees may double each other
+            raise user.error(_TOO_LARGE, name, LimitError)
         if self._open:  # it is used, not the tree that is asked for
             new_name = fresh_name(identity, self._names)
             self._names.add(new_name)
             node = as_subtree(node, new_name)
-        self._done[key] = node, _reads(node)
-        return self._done[key]
+        self._done[key] = node
+        return node
 
     def use(self, element: Element, _: str) -> Node:
         """A SubTree; one that is in no file is a leaf, if the vocabulary has it."""
@@ -213,10 +227,10 @@ class Importer:
             value = f"{{{key}}}" if value == "{=}" else value
             passed[key] = self.resolved(f"{{{value}}}" if bare and value[:1] != "{" else value)
         outside, self._passed = self._passed, {**self._passed, **passed}
-        node, reads = self._subtree(identity, element)
+        node = self._subtree(identity, element)
         self._passed = outside
         remaps = ("_autoremap", "__autoremap", "__shared_blackboard")
-        if reads and not passed and not any(given.get(name) in TRUE for name in remaps):
+        if not passed and not any(given.get(name) in TRUE for name in remaps) and _reads(node):
             self.differs(element, "scope")
         return node
 
@@ -227,7 +241,7 @@ class Importer:
         tag, given = tag_of(element), dict(element.attributes)
         self._elements += 1
         if self._elements > 2 * MAX_NODES or len(self.above) >= MAX_LEVELS:
-            raise self.too_large(element)
+            raise element.error(_TOO_LARGE, self._name, LimitError)
         is_action = tag in self.vocabulary.actions
         reader = self.readers.get(tag, self.readers["Action"] if is_action else _unknown)
         if tag == "Sleep" and is_action and "msec" not in given:  # one of the program
@@ -249,15 +263,14 @@ class Importer:
             node = without_interrupts(node)
         for name in (*POSTCONDITIONS, *reversed(before)):
             if name in scripts:
-                own.attributes["code"] = scripts[name]
-                node = (self._tested if name in before else self._then)(own, name, node)
-        return self.sized(element, commented(node, notes_of(element)))
+                add = self._tested if name in before else self._then
+                node = add(element, name, scripts[name], node)
+        return commented(node, notes_of(element))
 
-    def _tested(self, element: Element, name: str, node: Node) -> Node:
+    def _tested(self, element: Element, name: str, code: str, node: Node) -> Node:
         """A node with the condition of an attribute, which is evaluated before it starts."""
         runs_while = name == "_while"
-        constant = element.attributes["code"]
-        if constant == ("true" if runs_while else "false"):
+        if code == ("true" if runs_while else "false"):
             return node
         status = "failure" if name == "_failureIf" else "success"
         if name in ("_skipIf", "_while"):
@@ -266,39 +279,20 @@ class Importer:
                 self.fail(element, f"{shown(name)} is imported only in a Sequence or a Fallback")
             self.differs(element, "skipped")
             status = "failure" if parent.endswith("Fallback") else "success"
-        if constant in ("true", "false"):
+        if code in ("true", "false"):
             return ALWAYS[status]
-        test = self.condition(element, "code")
+        test = self.condition(element, code)
         return unless(opposite(test) if runs_while else test, node, status, watches=runs_while)
 
-    def _then(self, element: Element, name: str, node: Node) -> Node:
+    def _then(self, element: Element, name: str, code: str, node: Node) -> Node:
         """A node after whose end a script writes to the blackboard."""
-        sets = self.assignments(element)
+        sets = self.assignments(element, code)
         if name != "_onFailure":
             node = Node("sequence", (), (node, *sets))
         if name != "_onSuccess":
             after = Node("sequence", (), (*sets, ALWAYS["failure"]))
             node = Node("selector", (), (node, after))
         return node
-
-    def sized(self, element: Element, node: Node) -> Node:
-        """The node. Raises LimitError if it is too large; trees may double each other."""
-        _, nodes, levels = self._measured(node)
-        if nodes > MAX_NODES or levels > MAX_LEVELS:
-            raise self.too_large(element)
-        return node
-
-    def _measured(self, node: Node) -> tuple[Node, int, int]:
-        if id(node) not in self._sizes:
-            below = [self._measured(child) for child in node.children]
-            nodes, levels = (sum(n for _, n, _ in below), max((n for *_, n in below), default=0))
-            self._sizes[id(node)] = node, 1 + nodes, 1 + levels
-        return self._sizes[id(node)]
-
-    def too_large(self, element: Element) -> TreeError:
-        """The error for a tree that is too large."""
-        limits = f"{MAX_LEVELS} levels and {MAX_NODES} nodes, each SubTree expanded"
-        return element.error(f"expected a tree of at most {limits}", self._name, LimitError)
 
     def nodes(
         self, element: Element, children: tuple[int, int] = (1, UNLIMITED)
@@ -315,38 +309,31 @@ class Importer:
         """The only child."""
         return self.nodes(element, (1, 1))[0]
 
-    def code(self, check: Element) -> ConditionExpr:
-        """The condition of a ScriptCondition."""
-        return self.condition(replace(check, attributes={**check.attributes}), "code")
-
-    def condition(self, element: Element, attribute: str) -> ConditionExpr:
-        """The condition that an attribute asks in the library's script language; takes it."""
-        try:
-            expr = read_condition(self.script(element, attribute), self.vocabulary)
-        except ValueError as error:
-            self.fail(element, str(error))
+    def condition(self, element: Element, code: str) -> ConditionExpr:
+        """The condition that an element asks in the library's script language."""
+        expr = self.read(element, read_condition, code)
+        self.used.append(GuardArgs(expr))
         if any(term.operator in ("==", "!=") for term in terms(expr)):
             self.differs(element, "equal")
         return expr
 
-    def assignments(self, element: Element) -> tuple[Node, ...]:
-        """The nodes for the script in the attribute `code`; takes it."""
-        try:
-            assigned = read_assignments(self.script(element, "code"), self.vocabulary)
-        except ValueError as error:
-            self.fail(element, str(error))
-        return tuple(Node("set", SetArgs(each)) for each in assigned)
+    def assignments(self, element: Element, code: str) -> tuple[Node, ...]:
+        """The nodes for a script that writes to the blackboard."""
+        args = [*map(SetArgs, self.read(element, read_assignments, code))]
+        self.used += args
+        return tuple(Node("set", each) for each in args)
 
-    def script(self, element: Element, attribute: str) -> str:
-        """A script with the keys of the blackboard, and with the texts that are passed."""
+    def read(self, element: Element, reader: Callable[[str, Vocabulary | None], T], code: str) -> T:
+        """What is read from a script, with the keys and texts that are passed to this tree."""
 
         def passed(match: re.Match[str]) -> str:
-            text = self._passed.get(match["name"] or "", match[0].removeprefix("@"))
-            is_value = text[0] == "'" or NAME.fullmatch(text) or _NUMBER.fullmatch(text)
-            return text[1:-1] if text[:1] == "{" else text if is_value else f"'{text}'"
+            given = self._passed.get(match["name"] or "")
+            return match[0].removeprefix("@") if given is None else literal(given)
 
-        text = element.attributes.pop(attribute, "").replace('"', "'")
-        return _IN_SCRIPT.sub(passed, text)
+        try:
+            return reader(_IN_SCRIPT.sub(passed, code.replace('"', "'")), self.words)
+        except ValueError as error:
+            self.fail(element, str(error))
 
     def resolved(self, text: str) -> str:
         """The text of a port, `{key}` of the blackboard, or a text that is passed for a key."""
@@ -362,6 +349,11 @@ class Importer:
     def fail(self, element: Element, message: str) -> NoReturn:
         """Raises TreeError with the place of an element."""
         raise element.error(message, self._name)
+
+
+def literal(text: str) -> str:
+    """A text that a port or a SubTree gives, as scripts have it: a key, a value or a word."""
+    return text.strip("{}") if _PLAIN.fullmatch(text) else f"'{text}'"
 
 
 def is_check(element: Element) -> bool:

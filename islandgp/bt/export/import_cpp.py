@@ -9,26 +9,22 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from itertools import takewhile
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Any, Final, NamedTuple
 
 from islandgp.bt.analysis.context import without_interrupts
 from islandgp.bt.core.condition import combine, opposite
-from islandgp.bt.core.kinds import (
-    ABORTS,
-    COUNTED,
-    KINDS,
-    POLICIES,
-    TARGETS,
-    TIMED,
-)
-from islandgp.bt.core.language import parse, parse_condition
+from islandgp.bt.core.kind import Argument, Sort
+from islandgp.bt.core.kinds import KINDS, TARGETS
+from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import (
     COUNTS,
     SECONDS,
     AlwaysArgs,
+    Args,
     CountArgs,
     Node,
     ParallelArgs,
@@ -54,14 +50,18 @@ from islandgp.bt.export.cpp_importer import (
     Reader,
     check,
     is_check,
+    literal,
     notes_of,
     unless,
 )
-from islandgp.bt.export.scripts import read_script, unquoted
+from islandgp.bt.export.scripts import read_when
 from islandgp.bt.export.xml_reader import Element, read_xml
+from islandgp.errors import TreeError
 
 _BOARD: Final = re.compile(r"\{[A-Za-z_][A-Za-z0-9_]*\}")  # a port that names a blackboard entry
 _NUMBER: Final = re.compile(r"[0-9]{1,9}(\.[0-9]{1,20})?")
+CLOCKED: Final = {"Sleep": "msec", "Delay": "delay_msec", "Timeout": "msec", "RateController": "hz"}
+"""The ports of nodes that measure time by the computer's clock."""
 NO_ELSE: Final = "no else"  # name of an AlwaysFailure in place of a third child
 _FLAGS: Final = {"true": "yes", "1": "yes", "false": "no", "0": "no"}
 
@@ -104,6 +104,23 @@ def read_tree(
     return Imported(checked, tuple(sorted(importer.differences.values())), tree_text)
 
 
+def args_of(
+    root: Element, leaves: Vocabulary, name: str = "<xml>", folder: Path | None = None
+) -> list[Args]:
+    """What the trees of a file ask of keys whose types are not known, and set them to.
+
+    A tree that cannot be read counts up to its error. Arguments as in `read_tree`.
+    """
+    used: list[Args] = []
+    for tree in root.children:
+        if tree.tag == "BehaviorTree":
+            importer = Importer(READERS, name, root, leaves, folder, any_key=True)
+            with suppress(TreeError):
+                importer.tree(tree.attributes.get("ID", ""))
+            used += importer.used
+    return used
+
+
 # The readers of nodes, by tag. Each takes the attributes that it knows from the element.
 
 
@@ -116,7 +133,7 @@ def _composite(importer: Importer, element: Element, tag: str) -> Node:
         importer.differs(element, "async")
     front = [*takewhile(is_check, element.children[:-1])] if base == "sequence" else []
     del front[MAX_TERMS:]
-    tests = [importer.code(each) for each in front]
+    tests = [importer.condition(each, each.attributes.get("code", "")) for each in front]
     nodes = importer.nodes(replace(element, children=element.children[len(front) :]))
     if not reactive:  # in that library, composites do not observe guards
         nodes = (*map(without_interrupts, nodes[:-1]), nodes[-1])
@@ -127,93 +144,99 @@ def _composite(importer: Importer, element: Element, tag: str) -> Node:
     return commented(guard, [line for each in front for line in notes_of(each)])
 
 
-def _plain(importer: Importer, element: Element, tag: str) -> Node:
-    """A node without arguments."""
-    kind = "sequence" if tag == "SequenceWithMemory" else TARGETS[tag][0]
-    if tag == "SequenceWithMemory":
-        importer.differs(element, "memory")
-    if tag == "RoundRobin" and element.attributes.pop("wrap_around", "") not in TRUE:
-        importer.differs(element, "round")
-    if kind == "if_else" and element.children[2:3]:
-        is_none = element.children[2].attributes.get("name") == NO_ELSE
-        element = replace(element, children=element.children[: 2 if is_none else None])
-    children = importer.nodes(element, KINDS[kind].children)
-    match kind, children:  # exports have no node for these two
-        case "until_failure", (Node("always", AlwaysArgs("success")),):
-            return Node("always", AlwaysArgs("running"))
-        case "inverter", (Node("until_failure", (), (Node("inverter", (), inside),)),):
-            return Node("until_success", (), inside)
-    return Node(kind, (), children)
+def _by_ports(importer: Importer, element: Element, tag: str) -> Node:
+    """A node whose ports are the arguments of its kind."""
+    name, target = TARGETS[tag]
+    kind = KINDS[name]
+    pairs = zip(target.ports, kind.arguments, strict=False)
+    args = kind.make_args([_value(importer, element, port, each) for port, each in pairs])
+    importer.used.append(args)
+    return Node(name, args, importer.nodes(element, kind.children))
 
 
-def _number(given: dict[str, str], port: str, low: float, high: float, default: str = "") -> float:
-    text = given.pop(port, default)
+def _value(importer: Importer, element: Element, port: str, argument: Argument) -> Any:
+    """The value of an argument: a condition, a word, a number or a key."""
+    text = importer.resolved(element.attributes.pop(port, argument.default or ""))
+    if argument.sort is Sort.CONDITION:
+        return importer.read(element, read_when, text)
+    if text in argument.words:
+        return text
+    if argument.sort is Sort.WORD:
+        words = ", ".join(argument.words)
+        raise ValueError(f"expected {port} {words}, found {shown(text)}; choose one")
+    if _BOARD.fullmatch(text) and argument.sort is not Sort.POLICY:
+        return text[1:-1]
+    if "." in text and argument.sort is not Sort.SECONDS:
+        raise ValueError(f"expected a whole number as {port}, found {shown(text)}")
+    number = _number(text, port, *argument.range)
+    return number if argument.sort is Sort.SECONDS else int(number)
+
+
+def _number(text: str, port: str, low: float, high: float) -> float:
     number = float(text) if _NUMBER.fullmatch(text) else -1.0
     if not low <= number <= high:
         raise ValueError(f"expected {port} from {low:.6g} to {high:,}, found {shown(text)}")
     return number
 
 
-def _count(importer: Importer, given: dict[str, str], port: str, default: str = "") -> float | str:
-    """A whole number, or the key that a port names."""
-    given[port] = importer.resolved(given.get(port, default))
-    if _BOARD.fullmatch(given[port]):
-        return given.pop(port)[1:-1]
-    if "." in given[port]:
-        raise ValueError(f"expected a whole number as {port}, found {shown(given[port])}")
-    return int(_number(given, port, *COUNTS))
+def _with_memory(importer: Importer, element: Element, _: str) -> Node:
+    importer.differs(element, "memory")
+    return Node("sequence", (), importer.nodes(element))
 
 
-def _counted(importer: Importer, element: Element, tag: str) -> Node:
-    kind, target = TARGETS[tag]
-    port, given = target.ports[0], element.attributes
-    endless = {"repeater": "until_failure", "retry": "until_success"}
-    if kind == "recovery":
-        args = CountArgs(_count(importer, given, port, "1"))
-        return Node(kind, args, importer.nodes(element, (2, 2)))
-    is_endless = given.get(port) == "-1" and given.pop(port)
-    args = CountArgs(1) if is_endless else CountArgs(_count(importer, given, port))
-    if is_endless or (target.category == "" and args.times != 1):
+def _round_robin(importer: Importer, element: Element, _: str) -> Node:
+    if element.attributes.pop("wrap_around", "") not in TRUE:
+        importer.differs(element, "round")
+    return Node("round_robin", (), importer.nodes(element))
+
+
+def _if_else(importer: Importer, element: Element, tag: str) -> Node:
+    last = element.children[2:3]
+    is_none = last and last[0].attributes.get("name") == NO_ELSE
+    children = element.children[: 2 if is_none else None]
+    return _by_ports(importer, replace(element, children=children), tag)
+
+
+def _loop(importer: Importer, element: Element, tag: str) -> Node:
+    """An Inverter or a KeepRunningUntilFailure; exports write two kinds by several of these."""
+    match node := _by_ports(importer, element, tag):
+        case Node("until_failure", _, (Node("always", AlwaysArgs("success")),)):
+            return Node("always", AlwaysArgs("running"))
+        case Node("inverter", _, (Node("until_failure", _, (Node("inverter", _, inside),)),)):
+            return Node("until_success", (), inside)
+    return node
+
+
+def _repeat(importer: Importer, element: Element, tag: str) -> Node:
+    """A Repeat or RetryUntilSuccessful."""
+    (port,) = TARGETS[tag][1].ports
+    if importer.resolved(element.attributes.get(port, "")) != "1":
         importer.differs(element, "repeat")
-    child = importer.child(element)
-    return Node(endless[kind], (), (child,)) if is_endless else Node(kind, args, (child,))
+    if element.attributes.get(port) != "-1":
+        return _by_ports(importer, element, tag)
+    del element.attributes[port]
+    kind = {"Repeat": "until_failure"}.get(tag, "until_success")
+    return Node(kind, (), (importer.child(element),))
 
 
-def _timed(importer: Importer, element: Element, tag: str) -> Node:
-    least, most = SECONDS
-    if tag == "Sleep":
-        kind, port, unit = "wait", "msec", 1000
-    else:
-        kind, target = TARGETS[tag]
-        port, unit = target.ports[0], 1 if target.category else 1000
-    given, key = element.attributes, importer.resolved(element.attributes.get(port, ""))
-    if unit == 1 and _BOARD.fullmatch(key) and given.pop(port):
-        return Node(kind, SecondsArgs(key[1:-1]), (importer.child(element),))
-    if unit != 1:
-        importer.differs(element, "clock")
-    seconds = _number(given, port, least * unit, most * unit) / unit
-    child = ALWAYS["success"] if tag == "Sleep" else importer.child(element)
-    return Node(kind, SecondsArgs(seconds), (child,))
+def _recovery(importer: Importer, element: Element, tag: str) -> Node:
+    element.attributes.setdefault("number_of_retries", "1")
+    return _by_ports(importer, element, tag)
 
 
-def _rate(importer: Importer, element: Element, _: str) -> Node:
+def _clocked(importer: Importer, element: Element, tag: str) -> Node:
+    """A node that measures time by the computer's clock."""
     importer.differs(element, "clock")
-    if importer.above[-2:-1] != ["PipelineSequence"]:
-        importer.differs(element, "rate")
-    least, most = SECONDS
-    hz = _number(element.attributes, "hz", 1 / most, 1 / least, "10")
-    return Node("every", SecondsArgs(round(1 / hz, 6)), (importer.child(element),))
-
-
-def _judged(importer: Importer, element: Element, _: str) -> Node:
-    given = element.attributes
-    policies: list[Policy] = [
-        given.pop(port, default)
-        if given.get(port, default) in POLICIES
-        else int(_number(given, port, *COUNTS))
-        for port, default in (("success", "all"), ("failure", "one"))
-    ]
-    return Node("parallel", ParallelArgs(*policies), importer.nodes(element))
+    port, given, (least, most) = CLOCKED[tag], element.attributes, SECONDS
+    if tag == "RateController":
+        if importer.above[-2:-1] != ["PipelineSequence"]:
+            importer.differs(element, "rate")
+        seconds = round(1 / _number(given.pop(port, "10"), port, 1 / most, 1 / least), 6)
+    else:
+        seconds = _number(given.pop(port, ""), port, least * 1000, most * 1000) / 1000
+    child = ALWAYS["success"] if tag == "Sleep" else importer.child(element)
+    kind = "wait" if tag == "Sleep" else TARGETS[tag][0]
+    return Node(kind, SecondsArgs(seconds), (child,))
 
 
 def _parallel(importer: Importer, element: Element, tag: str) -> Node:
@@ -247,20 +270,11 @@ def _threshold(given: dict[str, str], ports: Sequence[str], default: str, count:
     return number
 
 
-def _when(importer: Importer, element: Element, _: str) -> Node:
-    abort = element.attributes.pop("abort", "both")
-    if abort not in ABORTS:
-        raise ValueError(f"expected abort {', '.join(ABORTS)}, found {shown(abort)}; choose one")
-    text = unquoted(importer.script(element, "condition"))
-    expr = read_script(lambda: parse_condition(text, importer.vocabulary), text)
-    return guarded(expr, importer.child(element), abort)
-
-
 def _while_else(importer: Importer, element: Element, tag: str) -> Node:
     test, *nodes = map(without_interrupts, importer.nodes(element, (2, 3)))
     first = element.children[0]
     if is_check(first):
-        condition = importer.code(first)
+        condition = importer.condition(first, first.attributes.get("code", ""))
         if len(nodes) == 1:
             return guarded(condition, nodes[0], "self")
         return switch([condition], nodes)
@@ -284,10 +298,10 @@ def _inverted(node: Node) -> Node:
 def _switch(importer: Importer, element: Element, tag: str) -> Node:
     """Guards of the cases, of which the last child has none."""
     given, tests = element.attributes, []
-    variable = importer.resolved(given.pop("variable", "")).strip("{}")
+    variable = given.pop("variable", "").strip("{}")
     for i in range(int(tag[-1])):
-        given["code"] = f"{variable} == {given.pop(f'case_{i + 1}', '')}"
-        tests.append(importer.condition(element, "code"))
+        case = literal(given.pop(f"case_{i + 1}", ""))
+        tests.append(importer.condition(element, f"{variable} == {case}"))
     if len(element.children) != len(tests) + 1:
         raise ValueError(f"expected {len(tests) + 1} children in <{tag}>")
     return switch(tests, [*map(without_interrupts, importer.nodes(element))])
@@ -297,13 +311,12 @@ def _precondition(importer: Importer, element: Element, tag: str) -> Node:
     """A Precondition, or a BlackboardCheck of version 3, which looks again in each tick."""
     given, watches = element.attributes, tag != "Precondition"
     if watches:
-        left, right = (importer.resolved(given.pop(f"value_{side}", "")) for side in "AB")
-        right = right.strip("{}") if right[:1] == "{" or tag[-6:] != "String" else f"'{right}'"
-        given["code"] = f"{left.strip('{}')} == {right}"
+        left, right = (given.pop(f"value_{side}", "") for side in "AB")
+        code = f"{left.strip('{}')} == {literal(right)}"
     else:
-        given["code"] = given.pop("if", "")
+        code = given.pop("if", "")
     status = given.pop("return_on_mismatch" if watches else "else", "FAILURE")
-    test, child = importer.condition(element, "code"), without_interrupts(importer.child(element))
+    test, child = importer.condition(element, code), without_interrupts(importer.child(element))
     if status == "RUNNING" and not watches:
         return Node("sequence", (), (Node("until_success", (), (check(test),)), child))
     if status not in ("SUCCESS", "FAILURE"):
@@ -316,14 +329,8 @@ def _set(importer: Importer, element: Element, tag: str) -> Node:
     given = element.attributes
     if tag == "SetBlackboard":
         name = given.pop("output_key", "").strip("{}")
-        value = importer.resolved(given.pop("value", ""))
-        key = importer.vocabulary.keys.get(importer.resolved(f"{{{name}}}")[1:-1])
-        if value[:1] + value[-1:] == "{}":
-            value = value[1:-1]
-        elif key is not None and key.words:
-            value = f"'{value}'"
-        given["code"] = f"{name} := {value}"
-    nodes = importer.assignments(element)
+        given["code"] = f"{name} := {literal(given.pop('value', ''))}"
+    nodes = importer.assignments(element, given.pop("code", ""))
     return nodes[0] if len(nodes) == 1 else Node("sequence", (), nodes)
 
 
@@ -361,30 +368,31 @@ def _gate(importer: Importer, element: Element, tag: str) -> Node:
     return Node(kind, args, (leaf if kind == "sequence" else _inverted(leaf), child))
 
 
-def _reader(kind: str) -> Reader:
-    """The reader of the nodes of the libraries for a kind."""
-    if kind in COUNTED:
-        return _counted
-    return _timed if kind in TIMED else _plain
+def _check(importer: Importer, element: Element, _: str) -> Node:
+    return check(importer.condition(element, element.attributes.pop("code", "")))
 
 
 READERS: Final[Mapping[str, Reader]] = {
-    **{tag: _reader(kind) for tag, (kind, _) in TARGETS.items()},
+    **dict.fromkeys(TARGETS, _by_ports),
     **{
         f"{prefix}{base}": _composite
         for prefix in ("", "Reactive", "Async")
         for base in ("Sequence", "Fallback")
     },
-    "SequenceWithMemory": _plain,
-    "When": _when,
-    "JudgedParallel": _judged,
+    **dict.fromkeys(CLOCKED, _clocked),
+    "Inverter": _loop,
+    "KeepRunningUntilFailure": _loop,
+    "Repeat": _repeat,
+    "RetryUntilSuccessful": _repeat,
+    "RecoveryNode": _recovery,
+    "RoundRobin": _round_robin,
+    "IfThenElse": _if_else,
+    "SequenceWithMemory": _with_memory,
     "Parallel": _parallel,
     "ParallelAll": _parallel,
-    "RateController": _rate,
-    "Sleep": _timed,
     "Script": _set,
     "SetBlackboard": _set,
-    "ScriptCondition": lambda importer, element, _: check(importer.condition(element, "code")),
+    "ScriptCondition": _check,
     "AlwaysSuccess": lambda *_: ALWAYS["success"],
     "AlwaysFailure": lambda *_: ALWAYS["failure"],
     "WhileDoElse": _while_else,

@@ -20,7 +20,7 @@ from islandgp.bt.core.condition import (
 from islandgp.bt.core.language import parse, parse_condition
 from islandgp.bt.core.node import SetArgs
 from islandgp.bt.core.source import shown
-from islandgp.bt.core.vocabulary import NAME, Vocabulary
+from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import TreeError
 
 T = TypeVar("T")
@@ -38,8 +38,8 @@ _FLAG: Final = re.compile(r"([A-Za-z_]\w*) (==|!=) (true|false|[01])(?![\w.]| [-
 _TURNED: Final = re.compile(r"(^|\(|(?:and|or|not) )([0-9.]+) ([<>=!]=?) ([A-Za-z_]\w*)(?! [-+*/])")
 
 
-def read_condition(code: str, vocabulary: Vocabulary) -> ConditionExpr:
-    """The condition of a script.
+def read_condition(code: str, vocabulary: Vocabulary | None) -> ConditionExpr:
+    """The condition of a script. Without a vocabulary, its keys can be any.
 
     Raises:
         ValueError: the script has no equivalent condition; the message has the reason.
@@ -47,8 +47,7 @@ def read_condition(code: str, vocabulary: Vocabulary) -> ConditionExpr:
 
     def flag(match: re.Match[str]) -> str:
         name, sign, value = match.groups()
-        is_flag = name in vocabulary.keys and vocabulary.keys[name].flag
-        if value in "01" and not is_flag:
+        if value in "01" and not _is_flag(name, vocabulary):
             return match[0]
         return "not " * ((value in ("true", "1")) != (sign == "==")) + name
 
@@ -56,12 +55,11 @@ def read_condition(code: str, vocabulary: Vocabulary) -> ConditionExpr:
         before, number, sign, name = match.groups()
         return f"{before}{name} {MIRRORED[sign]} {number}"
 
-    text = _TURNED.sub(turned, _FLAG.sub(flag, _tokens(code)))
-    text = unquoted(text)
-    return _with_numbers(read_script(lambda: parse_condition(text, vocabulary), code))
+    text = quoted(_TURNED.sub(turned, _FLAG.sub(flag, _tokens(code))))
+    return _with_numbers(_read(lambda: parse_condition(text, vocabulary), code))
 
 
-def read_assignments(code: str, vocabulary: Vocabulary) -> list[Condition]:
+def read_assignments(code: str, vocabulary: Vocabulary | None) -> list[Condition]:
     """The assignments of a script, in order: `tries := tries + 1; mode := 'dock'`.
 
     Raises:
@@ -75,11 +73,10 @@ def read_assignments(code: str, vocabulary: Vocabulary) -> list[Condition]:
         name, sign, right = match.groups()
         value = _tokens(right if sign in (":=", "=") else f"{name} {sign[0]} ({right})")
         flags = {"true": "yes", "false": "no"}
-        if name in vocabulary.keys and vocabulary.keys[name].flag:
+        if _is_flag(name, vocabulary):
             flags |= {"1": "yes", "0": "no"}
-        value = unquoted(flags.get(value, value))
-        text = f"set {name} = {value}"
-        args = read_script(lambda text=text: parse(text, vocabulary), statement).args  # type: ignore[misc]
+        text = f"set {name} = {quoted(flags.get(value, value))}"
+        args = _read(lambda text=text: parse(text, vocabulary), statement).args  # type: ignore[misc]
         assert isinstance(args, SetArgs)
         assigned.append(args.assigned)
     if not assigned:
@@ -87,7 +84,12 @@ def read_assignments(code: str, vocabulary: Vocabulary) -> list[Condition]:
     return assigned
 
 
-def read_script(read: Callable[[], T], code: str) -> T:
+def read_when(code: str, vocabulary: Vocabulary | None) -> ConditionExpr:
+    """The condition of one of our own nodes, in the tree language. Raises as `read_condition`."""
+    return _read(lambda: parse_condition(quoted(code), vocabulary), code)
+
+
+def _read(read: Callable[[], T], code: str) -> T:
     """What is read from a translated script. Raises ValueError with the message in a line."""
     try:
         return read()
@@ -97,9 +99,13 @@ def read_script(read: Callable[[], T], code: str) -> T:
         raise ValueError(f"{message}, in {shown(code.strip())}") from None
 
 
-def unquoted(text: str) -> str:
-    """A text with words of keys as trees have them: names without quotes, texts in double ones."""
-    return _QUOTED.sub(lambda m: m[1] if NAME.fullmatch(m[1]) else f'"{m[1]}"', text)
+def quoted(text: str) -> str:
+    """A text with words of keys in the quotes of trees."""
+    return _QUOTED.sub(r'"\1"', text)
+
+
+def _is_flag(name: str, vocabulary: Vocabulary | None) -> bool:
+    return vocabulary is not None and name in vocabulary.keys and vocabulary.keys[name].flag
 
 
 def _with_numbers(expr: ConditionExpr) -> ConditionExpr:

@@ -9,12 +9,12 @@ from pathlib import Path
 from typing import Final, NamedTuple
 from xml.parsers import expat
 
-from islandgp.bt.core.includes import MAX_FILES
+from islandgp.bt.core.includes import MAX_FILES, included_path
 from islandgp.bt.core.source import shown
 from islandgp.errors import TreeError
 
 DEEPEST: Final = 300  # most levels of elements
-MAX_XML: Final = 1_000_000  # most characters of an included file
+MAX_XML: Final = 1_000_000  # characters that are read of another file
 MAX_SIBLINGS: Final = 1_000  # most files of the folder in which a tree is looked up
 
 
@@ -108,20 +108,19 @@ class XmlTrees:
             TreeError: a file has another format, cannot be read, or defines an ID again.
         """
         self.by_id: dict[str, XmlTree] = {}
-        self._included: set[Path] = set()
-        self._top = None if folder is None else folder.resolve()
-        top = () if self._top is None else ((self._top / Path(name).name).resolve(),)
-        self._add(main, name, top)
+        self._folder = folder
+        self._read = set() if folder is None else {(folder / Path(name).name).resolve()}
+        self._add(main, name, folder)
         if not self.by_id:
             raise main.error("expected <root> with a <BehaviorTree>, found none", name)
 
     def find(self, identity: str) -> XmlTree | None:
         """The tree of an ID, also if it is in a file beside the main one that is not included."""
-        if identity not in self.by_id and self._top is not None:
-            for path in islice(sorted(self._top.glob("*.xml")), MAX_SIBLINGS):
+        if identity not in self.by_id and self._folder is not None:
+            for path in islice(sorted(self._folder.glob("*.xml")), MAX_SIBLINGS):
                 with suppress(OSError, ValueError, TreeError):
-                    text = path.read_text(encoding="utf-8")
-                    if f'ID="{identity}"' not in text or len(text) > MAX_XML:
+                    text = _text_of(path)
+                    if f'ID="{identity}"' not in text:
                         continue
                     for element in read_xml(text, name=path.name).children:
                         if element.tag == "BehaviorTree" and element.attributes.get("ID"):
@@ -129,8 +128,8 @@ class XmlTrees:
                             self.by_id.setdefault(element.attributes["ID"], tree)
         return self.by_id.get(identity)
 
-    def _add(self, root: Element, file: str, above: tuple[Path, ...]) -> None:
-        """Adds the trees of a file; `above`: its path, after those of the files that include it."""
+    def _add(self, root: Element, file: str, beside: Path | None) -> None:
+        """Adds the trees of a file in the folder `beside`, and of those that it includes."""
         version = root.attributes.get("BTCPP_format", "3")
         if root.tag != "root" or version not in ("3", "4"):
             raise root.error(
@@ -140,7 +139,7 @@ class XmlTrees:
             )
         for element in root.children:
             if element.tag == "include":
-                self._include(element, file, above)
+                self._include(element, file, beside)
             elif element.tag == "BehaviorTree":
                 identity = element.attributes.get("ID", "")
                 if identity in self.by_id:
@@ -151,27 +150,30 @@ class XmlTrees:
                 tag = shown(element.tag)
                 raise element.error(f"expected a <BehaviorTree>, found <{tag}>", file)
 
-    def _include(self, element: Element, file: str, above: tuple[Path, ...]) -> None:
-        """Adds the trees of the file that an <include> names."""
+    def _include(self, element: Element, file: str, beside: Path | None) -> None:
+        """Adds the trees of the file that an <include> names, unless they are known."""
         attribute = element.attributes.get("path", "")
-        if self._top is None or not attribute:
-            raise element.error("expected the path of a file beside this one", file)
+        path = included_path(attribute, self._folder, beside) if self._folder and beside else None
+        if path in self._read:
+            return
         try:
-            path = (above[-1].parent / attribute).resolve()
-            if Path(attribute).is_absolute() or not path.is_relative_to(self._top):
-                message = f"{shown(attribute)} leads out of the folder of the tree"
-                raise element.error(message, file)
-            if path in above:
-                raise element.error(f"{shown(path.name)} includes itself", file)
-            if path in self._included:
-                return
-            self._included.add(path)
-            if len(self._included) > MAX_FILES or not path.is_file():  # a pipe could block
-                message = f"expected at most {MAX_FILES} files, found no file {shown(attribute)}"
-                raise element.error(message, file)
-            with path.open(encoding="utf-8") as stream:
-                text = stream.read(MAX_XML)
-        except (OSError, RuntimeError, ValueError):
-            raise element.error(f"{shown(attribute)} cannot be read as UTF-8 text", file) from None
-        name = str(path.relative_to(self._top))
-        self._add(read_xml(text, name=name), name, (*above, path))
+            text = _text_of(path) if path and len(self._read) <= MAX_FILES else ""
+        except (OSError, UnicodeDecodeError):
+            text = ""
+        if not (text and path and self._folder):
+            raise element.error(
+                f"expected the path of a text in the folder of the tree or below, one of at most"
+                f" {MAX_FILES}, found {shown(attribute)}",
+                file,
+            )
+        self._read.add(path)
+        name = str(path.relative_to(self._folder.resolve()))
+        self._add(read_xml(text, name=name), name, path.parent)
+
+
+def _text_of(path: Path) -> str:
+    """The text of a file, or the first characters of a long one; "" for what is no file."""
+    if not path.is_file():  # a pipe could block
+        return ""
+    with path.open(encoding="utf-8") as stream:
+        return stream.read(MAX_XML)
