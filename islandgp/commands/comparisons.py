@@ -3,25 +3,21 @@
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Final
+from typing import Any, Final
 
 import click
 
 from islandgp.commands.files import FOLDER, OUTPUT, STDIN, check_place, unusable, write_text
 from islandgp.commands.options import grouped, with_config_dir_option, with_workers_option
-from islandgp.commands.tables import Column, print_table, standard_output
+from islandgp.commands.tables import Column, compared_trees, print_table, standard_output
 from islandgp.compare.champions import best_trees, finished_runs, shortened_trees
 from islandgp.compare.report import CompareOptions, build, select_study, write
-from islandgp.errors import RunError
 from islandgp.evaluation.processes import Processes, cores
 from islandgp.gate import cleaned
-from islandgp.text import in_interval, in_points, title
-
-if TYPE_CHECKING:
-    from pandas import DataFrame  # type: ignore[import-untyped] # its stubs are a package apart
+from islandgp.text import in_interval
 
 TIMEOUT: Final = 600.0  # time limit of an episode of `best`, s
 
@@ -40,7 +36,6 @@ TIMEOUT: Final = 600.0  # time limit of an episode of `best`, s
 @click.option(
     "--front", is_flag=True, help="Print the run's shortened trees, by size, and run no episode."
 )
-@click.option("--nodes", type=click.IntRange(1), help="Print the shortened tree of this size.")
 @click.option("--json", "as_json", is_flag=True, help="Print the rows as JSON.")
 @with_config_dir_option
 def best_command(
@@ -50,7 +45,6 @@ def best_command(
     workers: int,
     output: str | None,
     front: bool,
-    nodes: int | None,
     as_json: bool,
 ) -> None:
     """Find the best tree of the finished run, or the finished runs of a sweep, in the folder RUN.
@@ -60,33 +54,29 @@ def best_command(
     library's reference trees are then evaluated in test worlds, which were used neither for
     training nor for selection.
     """
-    if (front or nodes) and tier:
+    if front and tier:
         raise click.UsageError("expected --tier without --front, which runs no episode")
     runs, unfinished = finished_runs(run)
     if unfinished:
         names = cleaned(", ".join(unfinished))
         click.echo(f"islandgp: left out, as they are not finished: {names}", err=True)
-    if front or nodes:
+    if front:
         rows = shortened_trees(runs)
-        sizes = {tree["nodes"]: tree for tree in rows}
-        if nodes is not None and nodes not in sizes:
-            raise RunError(f"--nodes: expected one of {', '.join(map(str, sizes))}, found {nodes}")
-        best = next(t for t in rows if t["chosen"]) if nodes is None else sizes[nodes]
-        columns, note = _front(rows), "no tree was made; --nodes N prints that tree"
-        note = f"\nPoints in the same worlds, in which {note}."
-        if nodes is not None and output is None and not as_json:
-            output = STDIN
+        best = next(tree for tree in rows if tree["chosen"])
+        columns = _front(rows)
+        note = "Points in the same worlds, in which no tree was made; --json prints the trees."
     else:
         make = partial(Processes, workers=workers or cores(), episode_timeout=TIMEOUT)
         frame = best_trees(runs, make, tier or "", worlds)
-        rows, columns = frame.to_dict("records"), [*_best(frame)]
-        best = rows[0]
-        note = "\nPerturbed: mean and worst in the same worlds after their perturbation.\n" * (
-            "perturbed" in frame
-        ) + (
-            f"\nMeans over {worlds} test worlds of the last stage;"
-            " training and selection used other worlds."
+        frame["name"] = frame["name"].map(cleaned)
+        rows = frame.to_dict("records")
+        best, columns = rows[0], [*compared_trees(frame, worlds)]
+        note = (
+            f"Means over {worlds} test worlds of the last stage; differences are to the first tree."
+            " Training and selection used other worlds."
         )
+        if "perturbed" in frame:
+            note += "\nPerturbed: mean and worst in the same worlds after their perturbation."
     if output is not None:
         write_text(output, best["tree"])
     if as_json:
@@ -94,7 +84,7 @@ def best_command(
     elif output != STDIN:
         console = standard_output()
         print_table(console, columns)
-        console.print(note)
+        console.print(f"\n{note}")
 
 
 def _front(trees: Sequence[Mapping[str, Any]]) -> list[Column]:
@@ -108,24 +98,6 @@ def _front(trees: Sequence[Mapping[str, Any]]) -> list[Column]:
         ("to the longest (95 %)", differences),
         ("", ["best robot" if tree["chosen"] else "" for tree in trees]),
     ]
-
-
-def _best(rows: DataFrame) -> Iterator[Column]:
-    """The columns of the best trees."""
-    ends = zip(rows["difference"], rows["difference_low"], rows["difference_high"], strict=True)
-    yield "tree", [*map(cleaned, rows["name"])]
-    yield "points", [*map(in_points, rows["points"])]
-    lows, highs = map(in_points, rows["low"]), map(in_points, rows["high"])
-    yield "95 % interval", [f"[{low}, {high}]" for low, high in zip(lows, highs, strict=True)]
-    for name in rows:
-        if name.startswith("reached."):
-            yield title(name.removeprefix("reached.")), [f"{share:.0%}" for share in rows[name]]
-    if "feasible" in rows:
-        yield "constraints kept", [f"{share:.0%}" for share in rows["feasible"]]
-    for heading, name in (("perturbed", "perturbed"), ("worst", "perturbed_worst")):
-        if name in rows:
-            yield heading, [*map(in_points, rows[name])]
-    yield "to the first", ["", *(in_interval(*each) for each in [*ends][1:])]
 
 
 EPILOG = """\b

@@ -9,7 +9,7 @@ from dataclasses import asdict
 from math import nan
 from pathlib import Path
 from statistics import fmean, stdev
-from typing import TYPE_CHECKING, Any, Final
+from typing import TYPE_CHECKING
 
 import click
 
@@ -33,7 +33,15 @@ from islandgp.commands.options import (
     with_output_option,
 )
 from islandgp.commands.setting import recorded, tree_trials
-from islandgp.commands.tables import Column, numbers, print_table, standard_output, with_ends
+from islandgp.commands.tables import (
+    Column,
+    compared_trees,
+    numbers,
+    print_table,
+    standard_output,
+    with_ends,
+)
+from islandgp.compare.champions import compared, episode_frame
 from islandgp.domain import Outcome, Schema
 from islandgp.evolution.prune import LEAST_EPISODES, Keep, PruneResult, prune
 from islandgp.evolution.validation import fresh_worlds
@@ -41,15 +49,13 @@ from islandgp.plain import nan_to_none
 from islandgp.records.folder import RunFolder
 from islandgp.records.values import in_lines
 from islandgp.scoring.classes import specialist, tiers
-from islandgp.scoring.constraints import feasible_share, in_words
+from islandgp.scoring.constraints import in_words
 from islandgp.scoring.explain import explained, usage, with_counts, with_losses
 from islandgp.statistics import mean_interval
-from islandgp.text import in_its_domain, title
+from islandgp.text import in_its_domain
 
 if TYPE_CHECKING:
     from islandgp.config.settings import Settings
-
-ENDS: Final = ("", "_low", "_high")  # suffixes of the names of an estimate and its interval
 
 with_seed_option = click.option(
     "--seed", type=click.IntRange(0), default=0, help="Seed of the world, or of all worlds."
@@ -78,10 +84,9 @@ def play_command(
     first, reached = outcomes[0], [tiers(each, settings.classes) for each in outcomes[0]]
     rows = [{"fitness": o.fitness, **asdict(o)} for o in first]
     if len(files) > 1:
-        rows = [
-            {"file": display_name(file), **_row(own, first, settings)}
-            for file, own in zip(files, outcomes, strict=True)
-        ]
+        trees = episode_frame(range(len(files)), outcomes, settings.classes, settings.constraints)
+        frame = compared(trees).assign(name=[*map(display_name, files)])
+        rows = frame.to_dict("records")
     if as_json:
         click.echo(json.dumps(nan_to_none(rows), indent=2))
         return
@@ -96,7 +101,7 @@ def play_command(
             f" {', '.join(counts)}"
         )
     else:
-        print_table(console, _comparison(rows, seeds, schema, settings))
+        print_table(console, compared_trees(frame, seeds, _headings(schema)))
         console.print(
             f"\nMeans over the worlds 0 to {seeds - 1}; differences are to the first tree in the"
             " same worlds, with Student's t. Tiers are shares of the worlds."
@@ -136,42 +141,6 @@ def _summary(outcomes: Sequence[Outcome], schema: Schema) -> list[Column]:
     ]
     columns = zip(("mean", "sd", "least", "most"), zip(*cells, strict=True), strict=True)
     return [("points", list(rows)), *columns]
-
-
-def _row(own: Sequence[Outcome], first: Sequence[Outcome], settings: Settings) -> dict[str, Any]:
-    """Means of a tree with 95 % intervals, whose ends are nan for a single world.
-
-    Counters are means over the worlds; tiers and constraints are shares of the worlds.
-    """
-    points = [outcome.fitness for outcome in own]
-    pairs = [a - b.fitness for a, b in zip(points, first, strict=True)]
-    reached = [tiers(outcome, settings.classes) for outcome in own]
-    row: dict[str, Any] = {}
-    for name, values in (("fitness", points), ("difference", pairs)):
-        row |= zip((name + end for end in ENDS), mean_interval(values), strict=True)
-    row["better_in"] = sum(pair > 0 for pair in pairs)
-    row["counters"] = {name: fmean(o.counters[name] for o in own) for name in own[0].counters}
-    row["tiers"] = {tier: fmean(tier in t for t in reached) for tier in settings.classes.tiers}
-    if settings.constraints:
-        row["feasible"] = feasible_share([o.counters for o in own], settings.constraints)
-    return row
-
-
-def _comparison(
-    rows: Sequence[dict[str, Any]], worlds: int, schema: Schema, settings: Settings
-) -> Iterator[Column]:
-    """A row for each tree: fitness, tiers, constraints and counters."""
-    yield "tree", [row["file"] for row in rows]
-    yield "fitness (95 %)", [with_ends([row["fitness" + end] for end in ENDS]) for row in rows]
-    apart = [with_ends([row["difference" + end] for end in ENDS], "+") for row in rows[1:]]
-    yield "difference (95 %)", ["", *apart]
-    yield "better in", ["", *(f"{row['better_in']} of {worlds}" for row in rows[1:])]
-    for tier in settings.classes.tiers:
-        yield title(tier), [f"{row['tiers'][tier]:.0%}" for row in rows]
-    if settings.constraints:
-        yield "constraints kept", [f"{row['feasible']:.0%}" for row in rows]
-    for name, heading in _headings(schema):
-        yield heading, [row["counters"][name] for row in rows]
 
 
 @click.command()

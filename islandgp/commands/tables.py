@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import re
 import sys
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from math import isfinite, isnan
 from typing import TYPE_CHECKING, Any, Final, TypeAlias
 
+from islandgp.text import title
 from islandgp.viewer.recording import digits
 
 if TYPE_CHECKING:
+    from pandas import DataFrame  # type: ignore[import-untyped] # its stubs are a package apart
     from rich.console import Console, JustifyMethod
 
 GAP: Final = 2  # characters between two columns
@@ -40,6 +42,33 @@ def numbers(values: Sequence[float], sign: str = "") -> list[str]:
 def with_ends(interval: Sequence[float], sign: str = "") -> str:
     """An estimate with the ends of its interval: `4.0 (3.1 to 4.9)`."""
     return "{} ({} to {})".format(*numbers(interval, sign))
+
+
+def compared_trees(
+    rows: DataFrame, worlds: int, counters: Iterable[tuple[str, str]] = ()
+) -> Iterator[Column]:
+    """A row for each tree of `compare.champions.compared`, which has its `name` as a column.
+
+    `counters`: name and heading of those that are shown.
+    """
+
+    def ends(name: str, sign: str = "") -> list[str]:
+        columns = rows[[name, f"{name}_low", f"{name}_high"]]
+        return [with_ends(each, sign) for each in columns.to_numpy().tolist()]
+
+    yield "tree", [*rows["name"]]
+    yield "fitness (95 %)", ends("points")
+    yield "difference (95 %)", ["", *ends("difference", "+")[1:]]
+    yield "better in", ["", *(f"{n} of {worlds}" for n in rows["better_in"][1:])]
+    for name in rows:
+        if name == "feasible" or name.startswith("reached."):
+            heading = title(name.removeprefix("reached."))
+            yield heading.replace("Feasible", "constraints kept"), [f"{x:.0%}" for x in rows[name]]
+    for heading, name in (("perturbed", "perturbed"), ("worst", "perturbed_worst")):
+        if name in rows:
+            yield heading, [*rows[name]]
+    for name, heading in counters:
+        yield heading, [*rows[f"counters.{name}"]]
 
 
 def parts(columns: Sequence[Column], width: int) -> list[list[Column]]:

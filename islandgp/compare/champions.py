@@ -9,7 +9,7 @@ too: a supervisor may inject trees that are good without evolution.
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
 from contextlib import closing, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
@@ -106,40 +106,46 @@ def in_worlds(
         constraints: of the counters.
 
     Returns:
-        A row per tree and world: `tree`, `world`, `points`, `perturbed` (points in the perturbed
-        world), `feasible`, `reached.TIER` and `counters.NAME`.
+        As `episode_frame`, with `perturbed` (points in the perturbed world).
 
     Raises:
         EvaluationError: an episode cannot be run.
     """
+
+    def outcomes(problem: Problem) -> list[list[Outcome]]:
+        with closing(make(problem)) as evaluator:
+            return evaluated(evaluator, trees, stage, worlds)
+
+    frame = episode_frame(trees, outcomes(problems[0]), classes, constraints)
+    if problems[1] is not None:
+        frame[PERTURBED] = [o.fitness for own in outcomes(problems[1]) for o in own]
+    return frame
+
+
+def episode_frame(
+    trees: Sequence[Hashable],
+    outcomes: Sequence[Sequence[Outcome]],
+    classes: Classes,
+    constraints: Constraints,
+) -> DataFrame:
+    """A row per tree and world: `tree`, `world` (from 0), `points`, `feasible` and what it reached.
+
+    The last are `reached.TIER` and `counters.NAME`. `outcomes`: of each tree, in the same worlds.
+    """
     from pandas import DataFrame
 
-    def outcomes(problem: Problem) -> list[Outcome]:
-        with closing(make(problem)) as evaluator:
-            return [o for each in evaluated(evaluator, trees, stage, worlds) for o in each]
-
-    rows: list[dict[str, Any]] = []
-    places = [(tree, world) for tree in trees for world in worlds]
-    for (tree, world), outcome in zip(places, outcomes(problems[0]), strict=True):
-        found = tiers(outcome, classes)
-        rows.append(
-            {
-                "tree": tree,
-                "world": world,
-                "points": outcome.fitness,
-                **(
-                    {"feasible": not violation(outcome.counters, constraints)}
-                    if constraints
-                    else {}
-                ),
-                **{f"reached.{tier}": tier in found for tier in classes.milestones},
-                **{f"counters.{name}": value for name, value in outcome.counters.items()},
-            }
-        )
-    frame = DataFrame(rows)
-    if problems[1] is not None:
-        frame[PERTURBED] = [outcome.fitness for outcome in outcomes(problems[1])]
-    return frame
+    return DataFrame(
+        {
+            "tree": tree,
+            "world": world,
+            "points": outcome.fitness,
+            **({"feasible": not violation(outcome.counters, constraints)} if constraints else {}),
+            **{f"reached.{tier}": tier in tiers(outcome, classes) for tier in classes.tiers},
+            **{f"counters.{name}": value for name, value in outcome.counters.items()},
+        }
+        for tree, own in zip(trees, outcomes, strict=True)
+        for world, outcome in enumerate(own)
+    )
 
 
 def summarised(episodes: DataFrame) -> DataFrame:
@@ -149,6 +155,21 @@ def summarised(episodes: DataFrame) -> DataFrame:
     if PERTURBED in episodes:
         means[f"{PERTURBED}_worst"] = by_tree[PERTURBED].min()
     return means
+
+
+def compared(episodes: DataFrame) -> DataFrame:
+    """`summarised`, with 95 % intervals and the paired differences to the first tree.
+
+    Columns: `points`, `difference`, both with `_low` and `_high`, which are nan for a single world,
+    and `better_in`, the number of worlds in which the tree earns more than the first one.
+    """
+    rows = summarised(episodes)
+    points = episodes.pivot(index="world", columns="tree", values="points")
+    apart = points.sub(points[rows.index[0]], axis=0)
+    for name, values in (("points", points), ("difference", apart)):
+        ends = [mean_interval(values[tree].tolist()) for tree in rows.index]
+        rows[[name, f"{name}_low", f"{name}_high"]] = ends
+    return rows.assign(better_in=apart.gt(0).sum())
 
 
 def evaluate_champions(
@@ -280,9 +301,7 @@ def best_trees(runs: Sequence[RunFolder], make: Make, tier: str, worlds: int) ->
         worlds: number of test worlds.
 
     Returns:
-        A row per tree: `name`, the columns of `champions.summarised`, `evolved` (False: a tree of
-        the library), `low` and `high` (95 % interval of the points), and `difference`,
-        `difference_low` and `difference_high` (to the first row, of the pairs).
+        The rows of `compared`, with `tree`, `name` and `evolved` (False: a tree of the library).
 
     Raises:
         ConfigError: there is no such tier.
@@ -305,23 +324,13 @@ def best_trees(runs: Sequence[RunFolder], make: Make, tier: str, worlds: int) ->
             contenders, race, evaluator, stage, classes, episodes=episodes, constraints=constraints
         )
     names = _names(runs, [candidate for candidate, _ in finalists[:3]])
-    library = library_trees(config, for_targets=False)
-    labels = library | names
-    order = [*names, *(tree for tree in library if tree not in names)]
+    labels = library_trees(config, for_targets=False) | names
+    order = dict.fromkeys([*names, *labels])
     problems = problem, perturbed_problem(config)
-    found = in_worlds(order, make, problems, stage, test, classes, constraints)
-    points = found.pivot(index="world", columns="tree", values="points")
-    counters = [name for name in found if name.startswith("counters.")]
-    rows = summarised(found.drop(columns=counters)).reset_index()
-    rows["name"] = rows["tree"].map(labels)
-    rows["evolved"] = rows["tree"].isin([*names])
-    for columns, values in (
-        (("points", "low", "high"), points),
-        (("difference", "difference_low", "difference_high"), points.sub(points[order[0]], axis=0)),
-    ):
-        ends = [mean_interval(values[tree].tolist()) for tree in order]
-        rows[[*columns]] = ends
-    return rows
+    rows = compared(in_worlds([*order], make, problems, stage, test, classes, constraints))
+    return rows.reset_index().assign(
+        name=[labels[tree] for tree in order], evolved=[tree in names for tree in order]
+    )
 
 
 def shortened_trees(runs: Sequence[RunFolder]) -> list[dict[str, Any]]:
@@ -336,8 +345,7 @@ def shortened_trees(runs: Sequence[RunFolder]) -> list[dict[str, Any]]:
         raise RunError(
             f"Expected a front in {runs[0].path}, found none: its tree was not shortened."
         )
-    by_size = {tree["nodes"]: tree for tree in reversed(trees)}  # of equal sizes the shortened one
-    return [by_size[size] for size in sorted(by_size)]
+    return trees
 
 
 def _names(runs: Sequence[RunFolder], best: Sequence[Candidate]) -> dict[str, str]:

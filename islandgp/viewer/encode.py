@@ -13,7 +13,7 @@ from islandgp.bt.core.node import SUCCESS, thresholds, walk
 from islandgp.bt.core.vocabulary import Key
 from islandgp.bt.export.render import label, lay_out
 from islandgp.domain import Shape
-from islandgp.viewer.recording import Recording, SceneTrack, digits
+from islandgp.viewer.recording import Recording, digits
 
 LETTERS: Final = ".fsrx"  # a letter per code: idle, failed, succeeded, runs, stopped
 GRID: Final = 3000  # grid cells along the picture's longer side, for positions
@@ -36,7 +36,7 @@ def encode(recording: Recording, *, title: str) -> dict[str, Any]:
         "ending": ", ".join(recording.outcome.endings),
         "fitness": recording.outcome.fitness,
         "digits": recording.digits,
-        "scene": None if recording.scenes is None else _Scene(recording, recording.scenes).plain(),
+        "scene": _Scene(recording).plain() if recording.scenes else None,
         "board": _board(recording),
         "components": [{"name": c, "meaning": schema.components[c]} for c in components],
         "paints": _paints(recording),
@@ -101,6 +101,20 @@ def changes(values: Iterable[Any]) -> list[Any]:
     return encoded
 
 
+def spans(items: Sequence[Sequence[Shape]]) -> Iterator[tuple[int, Shape, int]]:
+    """Each item with its first tick and the first tick without it, from the items of each tick.
+
+    Equal items are numbered: of two, one can go.
+    """
+    present: dict[tuple[Shape, int], int] = {}  # an item and its number, with its first tick
+    for tick, (before, now) in enumerate(pairwise([(), *items, ()])):
+        if now != before:
+            numbered = [(item, now[:place].count(item)) for place, item in enumerate(now)]
+            for item, number in present.keys() - {*numbered}:
+                yield present.pop((item, number)), item, tick
+            present |= {key: tick for key in numbered if key not in present}
+
+
 def _board(recording: Recording) -> list[dict[str, Any]]:
     return [
         {
@@ -149,29 +163,32 @@ def _paints(recording: Recording) -> dict[str, int]:
 
 
 class _Scene:
-    """Encodes a scene track as plain values; positions are on a grid from the lower left corner."""
+    """Encodes scenes as plain values; positions are on a grid from the lower left corner."""
 
-    def __init__(self, recording: Recording, track: SceneTrack) -> None:
-        self.track = track
-        self.x, self.y, right, top = track.bounds
-        self.width, self.height = right - self.x, top - self.y
+    def __init__(self, recording: Recording) -> None:
+        self.scenes, self.frames = recording.scenes, recording.frames
+        lefts, lows, rights, tops = zip(*{scene.bounds for scene in self.scenes}, strict=True)
+        self.x, self.y = min(lefts), min(lows)
+        self.width, self.height = max(rights) - self.x, max(tops) - self.y
         self.unit = max(self.width, self.height) / GRID or 1.0
-        styles = track.styles()
+        styles = {shape.style for s in self.scenes for shape in (*s.fixed, *s.items, *s.movers)}
         self.shapes = {n: f for n, f in recording.schema.styles.items() if n in styles}
         self.styles = [*self.shapes]
         self.looks: dict[tuple[int, float, str], int] = {}  # with the index of each
 
     def plain(self) -> dict[str, Any]:
         """The scene data for the page's script."""
-        track = self.track
         encoded = {
             "width": round(self.width / self.unit, 3),
             "height": round(self.height / self.unit, 3),
             "styles": [[f.meaning, f.shape, f.colour] for f in self.shapes.values()],
-            "fixed": [self._shape(shape) for shape in track.fixed],
-            "items": [[*self._shape(item.shape), item.begin, item.end] for item in track.items],
-            "movers": self._movers(track.movers),
-            **self._frames(track.frames),
+            "fixed": [self._shape(shape) for shape in self.scenes[0].fixed],
+            "items": [
+                [*self._shape(shape), begin, end]
+                for begin, shape, end in sorted(spans([scene.items for scene in self.scenes]))
+            ],
+            "movers": self._movers([*zip(*(s.movers for s in self.scenes), strict=True)]),
+            **self._frames(self.frames),
         }
         return {**encoded, "looks": [*self.looks]}
 

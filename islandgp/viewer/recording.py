@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import chain
 from math import floor, log10
@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 from islandgp.bt.core.engine import ABORTED
 from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node, size
-from islandgp.domain import Outcome, Scene, Schema, Shape, prepare
+from islandgp.domain import Outcome, Scene, Schema, prepare
 from islandgp.errors import DomainError
 from islandgp.evaluation.base import Problem, in_floats
 from islandgp.leaves import is_number
@@ -20,10 +20,6 @@ IDLE, FAILED, SUCCEEDED, RUNS, STOPPED = range(5)
 """The last status of a node in a tick; IDLE: it was not ticked."""
 
 _CODES: Final = {FAILURE: FAILED, SUCCESS: SUCCEEDED, RUNNING: RUNS, AGAIN: RUNS, ABORTED: STOPPED}
-
-Bounds = tuple[float, float, float, float]
-"""Least x, least y, greatest x, greatest y."""
-
 
 MAX_NUMBER: Final = 1e300
 """Above this, differences of numbers are infinite."""
@@ -39,34 +35,6 @@ class Credit(NamedTuple):
     action: str  # that earned them, or ""
 
 
-class ItemSpan(NamedTuple):
-    """A shape that does not move, and the ticks in which it exists."""
-
-    shape: Shape
-    begin: int  # first tick in which it exists
-    end: int  # first tick in which it no longer exists
-
-
-@dataclass(frozen=True, slots=True)
-class SceneTrack:
-    """The drawn things of an episode, over its ticks."""
-
-    bounds: Bounds  # of all ticks
-    fixed: tuple[Shape, ...]
-    items: tuple[ItemSpan, ...]  # by begin
-    movers: tuple[tuple[Shape, ...], ...]
-    """Each moving shape at each tick; the last one is the robot, which is drawn on top."""
-    frames: tuple[tuple[int, bytes], ...]  # a tick and the PNG from then on
-
-    def shapes(self) -> Iterator[Shape]:
-        """All shapes drawn; movers once per tick."""
-        return chain(self.fixed, (item.shape for item in self.items), *self.movers)
-
-    def styles(self) -> set[str]:
-        """The styles that occur."""
-        return {shape.style for shape in self.shapes()}
-
-
 @dataclass(frozen=True, slots=True)
 class Recording:
     """One episode of `ticks` ticks, at least one."""
@@ -80,7 +48,8 @@ class Recording:
     statuses: tuple[bytes, ...]  # per node in document order, a code per tick
     boards: tuple[tuple[float, ...], ...]  # per tick, a value per key of the vocabulary
     credits: tuple[Credit, ...]  # in order of time
-    scenes: SceneTrack | None  # None: the domain draws nothing
+    scenes: tuple[Scene, ...]  # per tick; (): the domain draws nothing
+    frames: tuple[tuple[int, bytes], ...]  # a tick and the PNG from then on
     outcome: Outcome
 
     @property
@@ -115,6 +84,8 @@ def record(tree: Node, problem: Problem, *, seed: int, stage: int, limit: float 
     points = [*outcome.components.values(), *(credit.points for credit in recorder.credits)]
     _must_be_numbers("points", [*points, outcome.fitness])
     _must_be_numbers("the seconds of an episode", [outcome.seconds, domain.step_s])
+    scenes = tuple(recorder.drawn) + tuple(recorder.drawn[-1:]) * (ticks - len(recorder.drawn))
+    _must_be_drawable(scenes, schema)
     return Recording(
         tree=tree,
         schema=schema,
@@ -125,7 +96,8 @@ def record(tree: Node, problem: Problem, *, seed: int, stage: int, limit: float 
         statuses=recorder.statuses(),
         boards=tuple(recorder.boards),
         credits=tuple(c._replace(tick=min(c.tick, ticks - 1)) for c in recorder.credits),
-        scenes=recorder.camera.track(ticks, schema) if recorder.camera.scenes else None,
+        scenes=scenes,
+        frames=tuple(recorder.frames),
         outcome=in_floats(outcome),
     )
 
@@ -136,7 +108,8 @@ class Recorder:
     def __init__(self, tree: Node, schema: Schema) -> None:
         self.boards: list[tuple[float, ...]] = []
         self.credits: list[Credit] = []
-        self.camera = SceneRecorder()
+        self.drawn: list[Scene] = []  # per tick, up to the last one
+        self.frames: list[tuple[int, bytes]] = []
         self._components = schema.components
         self._keys = len(schema.vocabulary.keys)
         self._idle = bytes(size(tree))
@@ -166,7 +139,10 @@ class Recorder:
                 f" blackboard, found {len(board)}; give the observer one for each, in their order."
             )
         if scene is not None:
-            self.camera.see(scene, len(self.boards))
+            self.drawn += [scene] * (len(self.boards) + 1 - len(self.drawn))
+            frame = b"" if scene.frame is None else scene.frame()
+            if frame and (not self.frames or frame != self.frames[-1][1]):
+                self.frames.append((len(self.boards), frame))
         self.boards.append(tuple(map(float, board)))
         self._codes.append(bytes(self._now))
         self._now[:] = self._idle
@@ -186,76 +162,23 @@ class Recorder:
         return tuple(codes[place::nodes] for place in range(nodes))
 
 
-class SceneRecorder:
-    """Collects scenes; an unchanged shape is stored once."""
-
-    def __init__(self) -> None:
-        self.scenes = 0
-        self._bounds: set[Bounds] = set()
-        self._fixed: tuple[Shape, ...] = ()
-        self._items: tuple[Shape, ...] = ()  # of the last scene
-        self._present: dict[tuple[Shape, int], int] = {}  # since when; equal things are numbered
-        self._gone: list[ItemSpan] = []
-        self._movers: list[tuple[Shape, ...]] = []  # per tick
-        self._frames: list[tuple[int, bytes]] = []
-
-    def see(self, scene: Scene, tick: int) -> None:
-        """Add the scene of a tick."""
-        if not self.scenes:
-            self._fixed = scene.fixed
-        self._bounds.add(scene.bounds)
-        self.scenes += 1
-        if scene.items != self._items:
-            self._see_items(scene.items, tick)
-        frame = b"" if scene.frame is None else scene.frame()
-        if frame and (not self._frames or frame != self._frames[-1][1]):
-            self._frames.append((tick, frame))
-        self._movers += [scene.movers] * (tick + 1 - len(self._movers))
-
-    def _see_items(self, items: tuple[Shape, ...], tick: int) -> None:
-        self._items = items
-        counts: dict[Shape, int] = {}
-        present: dict[tuple[Shape, int], int] = {}
-        for item in items:
-            number = counts[item] = counts.get(item, 0) + 1
-            present[item, number] = self._present.get((item, number), tick)
-        for key in self._present.keys() - present.keys():
-            self._gone.append(ItemSpan(key[0], self._present[key], tick))
-        self._present = present
-
-    def track(self, ticks: int, schema: Schema) -> SceneTrack:
-        """The track of an episode of `ticks` ticks. Raises DomainError for wrong scenes."""
-        open_spans = [ItemSpan(shape, since, ticks) for (shape, _), since in self._present.items()]
-        items = sorted([*self._gone, *open_spans], key=lambda item: (item.begin, item.shape))
-        lows, highs = zip(*((b[:2], b[2:]) for b in self._bounds), strict=True)
-        track = SceneTrack(
-            bounds=(*map(min, zip(*lows, strict=True)), *map(max, zip(*highs, strict=True))),
-            fixed=self._fixed,
-            items=tuple(items),
-            movers=self._columns(ticks),
-            frames=tuple(self._frames),
+def _must_be_drawable(scenes: Sequence[Scene], schema: Schema) -> None:
+    """Raises DomainError for scenes with other styles, numbers of movers, or no finite numbers."""
+    counts = {len(scene.movers) for scene in scenes}
+    if len(counts) > 1:
+        raise DomainError(
+            f"Expected as many movers in each tick, found {min(counts)} and {max(counts)}; what"
+            " comes and goes belongs to the items of a scene."
         )
-        _must_be_numbers("the bounds of a scene", track.bounds)
-        places = chain.from_iterable(shape[1:4] for shape in track.shapes())
-        _must_be_numbers("the places and sizes of shapes", places)
-        if unknown := track.styles() - schema.styles.keys():
-            styles = ", ".join(schema.styles) or "none"
-            raise DomainError(
-                f"Expected shapes of the schema's styles ({styles}), found {min(unknown)!r} in a"
-                " scene; declare it among the styles."
-            )
-        return track
-
-    def _columns(self, ticks: int) -> tuple[tuple[Shape, ...], ...]:
-        """Each mover at each tick. Raises DomainError if their number changes."""
-        movers = self._movers + self._movers[-1:] * (ticks - len(self._movers))
-        most, least = max(map(len, movers)), min(map(len, movers))
-        if most != least:
-            raise DomainError(
-                f"Expected as many movers in each tick, found {least} and {most}; what comes and"
-                " goes belongs to the items of a scene."
-            )
-        return tuple(zip(*movers, strict=True))
+    shapes = {*chain.from_iterable((*s.fixed, *s.items, *s.movers) for s in scenes)}
+    _must_be_numbers("the bounds of a scene", chain(*{scene.bounds for scene in scenes}))
+    _must_be_numbers("the places and sizes of shapes", chain(*(shape[1:4] for shape in shapes)))
+    if unknown := {shape.style for shape in shapes} - schema.styles.keys():
+        styles = ", ".join(schema.styles) or "none"
+        raise DomainError(
+            f"Expected shapes of the schema's styles ({styles}), found {min(unknown)!r} in a"
+            " scene; declare it among the styles."
+        )
 
 
 def _must_be_numbers(subject: str, values: Iterable[float]) -> None:

@@ -210,10 +210,11 @@ def test_play_several(islandgp: Cli) -> None:
     assert patrol["difference"] == pytest.approx(fmean(pairs))
     assert patrol["difference_high"] == pytest.approx(fmean(pairs) + half)
     assert (good["difference"], good["difference_low"]) == (0, 0)
-    assert good["counters"]["laps"] == pytest.approx(
+    assert good["counters.laps"] == pytest.approx(
         fmean(w["counters"]["laps"] for w in json.loads(one))
     )
-    assert good["tiers"] == {"excellent": 0, "complete": 0, "full_service": 0, "balanced_elite": 0}
+    tiers = ("excellent", "complete", "full_service", "balanced_elite")
+    assert [good[f"reached.{tier}"] for tier in tiers] == [0, 0, 0, 0]
     limit = ("--set", "constraints={distance: {at_most: 0}}")
     result = islandgp("play", GOOD, "-", "--seeds", 3, *SHORT, *limit, stdin="PatrolWaypoint")
     for heading in ("Balanced Elite", "constraints kept", "battery %"):
@@ -233,9 +234,9 @@ def test_one_world_has_no_interval(islandgp: Cli) -> None:
     assert (second["difference"], second["difference_low"], second["difference_high"]) == (
         *(0, None, None),
     )
-    assert (first["fitness_low"], first["fitness_high"]) == (None, None)
+    assert (first["points_low"], first["points_high"]) == (None, None)
     output = islandgp(*arguments).out
-    assert f"{first['fitness']:,.0f} (- to -)" in output
+    assert f"{first['points']:,.0f} (- to -)" in output
     single_output = islandgp("play", GOOD, "--seeds", 1, *SHORT).out
     assert "Tiers, of 1 world:" in single_output
     (row,) = (line.split() for line in single_output.splitlines() if line.startswith("fitness"))

@@ -76,7 +76,8 @@ class LastMinute:
             statuses=tuple(map(bytes, zip(*codes, strict=True))),
             boards=boards,
             credits=(),
-            scenes=None,
+            scenes=(),
+            frames=(),
             outcome=Outcome({"none": 0.0}, {}, len(ticks) * self._step_s, ()),
         )
         return page(recording, title=tree.name).replace("</body>", _STYLE)
