@@ -27,10 +27,10 @@ from islandgp.evolution.validation import (
 )
 from islandgp.gp.evidence import SHRINKAGE
 from islandgp.records.folder import RunFolder
-from islandgp.running.report import RunTotals
 from islandgp.scoring.explain import NodeUsage, explained, usage, with_losses
 from islandgp.statistics import mean_interval
 from islandgp.supervision.library import library_folder, read_tree
+from islandgp.viewer.history import RunRecords
 
 TEST_WORLDS = 50  # in which the best robot is tested, at most
 TESTED = 3  # trees in these worlds: the robot, the reference tree, the best of generation 0
@@ -48,7 +48,7 @@ def candidates_of(settings: Settings, target: RunFolder) -> list[Candidate]:
     return by_fitness(records, settings.classes, constraints=constraints)
 
 
-def final_episodes(settings: Settings, totals: RunTotals) -> tuple[int, int, int]:
+def final_episodes(settings: Settings, history: RunRecords) -> tuple[int, int, int]:
     """Numbers of episodes after the training: choice of a candidate, pruning with the explanation,
     test.
 
@@ -58,10 +58,10 @@ def final_episodes(settings: Settings, totals: RunTotals) -> tuple[int, int, int
     if settings.gp.validation == 0:
         return 0, 0, 0
     budget, test = settings.budget.episodes, TESTED * TEST_WORLDS
-    pruning = min(settings.prune.episodes, totals.episodes)
+    pruning = min(settings.prune.episodes, history.episodes)
     if budget is None:
         return max(1, round(settings.gp.validation * settings.gp.episodes_in_all)), pruning, test
-    left = budget - totals.episodes
+    left = budget - history.episodes
     pruning = min(pruning, int(settings.prune.budget_share * budget), left // 2)
     test = min(test, (left - pruning) // 3)
     return left - pruning - test, pruning, test
@@ -70,7 +70,7 @@ def final_episodes(settings: Settings, totals: RunTotals) -> tuple[int, int, int
 def best_robot(
     settings: Settings,
     target: RunFolder,
-    totals: RunTotals,
+    history: RunRecords,
     evaluator: Evaluator,
     founders: Sequence[Node] = (),
 ) -> Best:
@@ -80,11 +80,11 @@ def best_robot(
     fitness in training. Then it is shortened, tested in fresh worlds, and explained. Its subtrees
     get the names that they have in the founders.
     """
-    choice, pruning, test = final_episodes(settings, totals)
-    winner, choice_worlds = _chosen(settings, target, totals, evaluator, choice)
-    problem, stage = settings.problem(), totals.stage
+    choice, pruning, test = final_episodes(settings, history)
+    winner, choice_worlds = _chosen(settings, target, history, evaluator, choice)
+    problem, stage = settings.problem(), history.stage
     vocabulary = problem.domain.schema.vocabulary
-    used: list[int] = [*totals.worlds, *choice_worlds]
+    used: list[int] = [*history.worlds, *choice_worlds]
     new_worlds = fresh_worlds(settings.seed, frozenset(used))
 
     def worlds(n: int) -> list[int]:
@@ -106,7 +106,7 @@ def best_robot(
         episodes=pruning - explaining,
         most_worlds=settings.prune.worlds,
     )
-    chosen_in, best = tuple(used[len(totals.worlds) :]), pruned.best
+    chosen_in, best = tuple(used[len(history.worlds) :]), pruned.best
     test_worlds = new_worlds(test // TESTED)
     count = min(EXPLAIN_WORLDS, explaining // (size(best) + 1), len(test_worlds))
     usages: list[NodeUsage] = []
@@ -120,7 +120,7 @@ def best_robot(
         next(i for i in record["individuals"] if i["id"] == winner.id),
         to_text(best),
         with_subtrees(explained(named, usages) if usages else named),
-        _tested(settings, totals, best, vocabulary, outcomes, test_worlds),
+        _tested(settings, history, best, vocabulary, outcomes, test_worlds),
         _front(pruned),
         tuple(step.change for step in pruned.steps[1:]),
         chosen_in,
@@ -131,7 +131,7 @@ def best_robot(
 def _chosen(
     settings: Settings,
     target: RunFolder,
-    totals: RunTotals,
+    history: RunRecords,
     evaluator: Evaluator,
     episodes: int,
 ) -> tuple[Candidate, Sequence[int]]:
@@ -141,9 +141,9 @@ def _chosen(
         return max(contenders, key=lambda c: c.merit), ()
     winner, verdict = validate(
         entrants(contenders, episodes),
-        validation_seeds(settings.seed, frozenset(totals.worlds), episodes),
+        validation_seeds(settings.seed, frozenset(history.worlds), episodes),
         evaluator,
-        totals.stage,
+        history.stage,
         settings.classes,
         episodes=episodes,
         constraints=settings.constraints,
@@ -153,7 +153,7 @@ def _chosen(
 
 def _tested(
     settings: Settings,
-    totals: RunTotals,
+    history: RunRecords,
     tree: Node,
     vocabulary: Vocabulary,
     evaluate: Callable[[Sequence[Node], Sequence[int]], list[list[Outcome]]],
@@ -168,8 +168,8 @@ def _tested(
         name = library.reference_trees[0]
         text = read_tree(library_folder(library.folder, settings.make_domain()), name)
         others[f"tree {name}"] = parse(text, vocabulary, name=name)
-    if totals.first_best:
-        others[FIRST_BEST] = parse(totals.first_best, vocabulary)
+    if history.first_best:
+        others[FIRST_BEST] = parse(history.first_best, vocabulary)
     own, *theirs = evaluate([tree, *others.values()], worlds)
     by_name = dict(zip(others, theirs, strict=True))
     return judged(worlds, own, settings.classes, settings.constraints, by_name)

@@ -5,7 +5,7 @@ from __future__ import annotations
 import sys
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from time import monotonic
 from typing import Any, Final, Literal
 
@@ -31,7 +31,7 @@ from islandgp.records.values import (
 )
 from islandgp.scoring.constraints import in_words
 from islandgp.text import in_points, title
-from islandgp.viewer.history import RunCurves, nothing_works
+from islandgp.viewer.history import RunRecords, nothing_works
 
 
 def duration(seconds: float) -> str:
@@ -119,65 +119,21 @@ MOSTLY_FALLBACK: Final = (
 )
 
 
-@dataclass(slots=True)
-class RunTotals:
-    """The values of all generations so far that a run's end and its page need.
-
-    They are collected while generations are written.
-    """
-
-    curves: RunCurves
-    worlds: set[int] = field(default_factory=set)  # seeds
-    snapshots: list[Mapping[str, Any]] = field(default_factory=list)  # by generation
-    costs: list[Mapping[str, Any]] = field(default_factory=list)  # by generation
-    decisions: list[Mapping[str, Any]] = field(default_factory=list)  # of the supervisor
-    first_best: str = ""  # canonical text of the fittest tree of generation 0
-
-    def add(self, record: Mapping[str, Any], cost: Mapping[str, Any]) -> None:
-        """Add a generation, given its record and its costs as plain values."""
-        self.curves.add(record, cost)
-        if not self.first_best:
-            self.first_best = max(record["individuals"], key=lambda i: i["fitness"])["tree"]
-        self.worlds.update(record["worlds"])
-        self.snapshots.append(record["snapshot"])
-        self.costs.append(cost)
-        if (guidance := record["guidance"]) is not None:
-            self.decisions.append({key: guidance[key] for key in ("source", "asked_at")})
-
-    @property
-    def stage(self) -> int:
-        """The stage of the last generation, as an index into Table 2."""
-        return self.curves.stages[-1][1]
-
-    @property
-    def episodes(self) -> int:
-        """Episodes so far."""
-        return self.curves.episodes
-
-
-def totals_of(folder: RunFolder) -> RunTotals:
-    """The totals of the generations in a run's folder. Raises RunError."""
-    totals = RunTotals(RunCurves.of(folder))
-    for record, cost in zip(folder.records(), folder.costs(), strict=False):
-        totals.add(record, cost)
-    return totals
-
-
 def summary(
-    settings: Settings, totals: RunTotals, last: Step, best: Best, learned: Sequence[str]
+    settings: Settings, history: RunRecords, last: Step, best: Best, learned: Sequence[str]
 ) -> dict[str, Any]:
     """The content of summary.json.
 
     Args:
         settings: of the run.
-        totals: of the run.
+        history: of the run.
         last: the last generation.
         best: the best robot.
         learned: sentences on what the search has found out; () if it learns nothing.
     """
-    sources, snapshots, classes = answers(totals.decisions), totals.snapshots, settings.classes
+    sources, snapshots, classes = answers(history.decisions), history.snapshots, settings.classes
     limit = settings.supervisor.policy.get("most_fallback")  # None: there is no fallback
-    failure = nothing_works(totals.curves, classes, settings.rewards)
+    failure = nothing_works(history, classes, settings.rewards)
     optional = {
         "constraints": in_words(settings.constraints) if settings.constraints else "",
         "nothing_works": failure,
@@ -207,7 +163,7 @@ def summary(
         "generations": len(snapshots),
         "answers": sources,
         "mostly_fallback": limit is not None and fallback_share(sources) > limit,
-        "seconds": round(totals.curves.seconds, 3),
+        "seconds": round(history.seconds, 3),
         **{key: value for key, value in optional.items() if value},
     }
 

@@ -35,12 +35,10 @@ from islandgp.running.parts import (
 )
 from islandgp.running.report import (
     Progress,
-    RunTotals,
     is_mostly_fallback,
     proposals,
     report,
     summary,
-    totals_of,
 )
 from islandgp.running.resume import about_run, choose
 from islandgp.supervision.base import (
@@ -49,7 +47,7 @@ from islandgp.supervision.base import (
     SupervisorLifecycle,
 )
 from islandgp.tracking.base import Tracker
-from islandgp.viewer.history import RunCurves
+from islandgp.viewer.history import RunRecords, read_history
 from islandgp.viewer.run_page import write_page
 
 _DUMPER: Final = getattr(yaml, "CSafeDumper", yaml.SafeDumper)
@@ -111,15 +109,15 @@ def run(
     supervisor = make_supervisor(settings, target.path, loaded)
     plan = plan_of(settings, settings.make_domain(), loaded, _warn)
     about = about_run(settings, config, target, home, command)
-    status, curves = Status.FAILED, None
+    status, history = Status.FAILED, None
     try:
         target.open(yaml.dump(config, Dumper=_DUMPER, sort_keys=False), about)
         if target.finished():  # another process may have finished it before the folder was locked
             return _complete(target, tracker, settings)
         tracker.start(target)
         try:
-            totals = _evolve(settings, plan, target, supervisor, tracker, loaded, on_generation)
-            status, curves = Status.FINISHED, totals.curves
+            history = _evolve(settings, plan, target, supervisor, tracker, loaded, on_generation)
+            status = Status.FINISHED
         except (KeyboardInterrupt, _CallbackError):
             status = Status.KILLED
             raise
@@ -128,10 +126,10 @@ def run(
             raise
         finally:
             try:
-                _write_page(settings, target, status, curves)
+                _write_page(settings, target, status, history)
             finally:
                 where = tracker.finish(status)
-        return _result(target, totals.costs, where, *proposals(settings, target.summary()))
+        return _result(target, history.costs, where, *proposals(settings, target.summary()))
     except _CallbackError as stop:
         raise stop.error from None
     finally:
@@ -159,12 +157,12 @@ def _result(target: RunFolder, costs: Sequence[Mapping[str, Any]], *notes: str) 
 
 
 def _write_page(
-    settings: Settings, folder: RunFolder, status: Status, curves: RunCurves | None = None
+    settings: Settings, folder: RunFolder, status: Status, history: RunRecords | None = None
 ) -> None:
     """Writes the page of a run at its end; an error is printed."""
     try:
         if folder.begun():
-            write_page(folder, status, curves, settings.problem)
+            write_page(folder, status, history, settings.problem)
     except RunError as error:
         _warn(f"no new {PAGE}: {error}")
 
@@ -181,7 +179,7 @@ def _evolve(
     tracker: Tracker,
     loaded: LoadedLibrary,
     on_generation: OnGeneration | None,
-) -> RunTotals:
+) -> RunRecords:
     """The generations, the best robot, the archive and the summary, all written to the folder."""
     if isinstance(supervisor, SupervisorLifecycle):
         with plugin_errors(path_of(type(supervisor))):
@@ -193,7 +191,7 @@ def _evolve(
     if on_generation is not None:
         for record in islice(target.generations(), done):
             _call(on_generation, record)
-    totals = totals_of(target)
+    history = read_history(target)
     needs_past = isinstance(supervisor, GenerationListener) or plan.switches.edits
     evaluator, search, state = make_evaluator(settings), make_search(settings, plan), start
     steps = evolve(
@@ -210,7 +208,7 @@ def _evolve(
     def write(step: Step) -> None:
         nonlocal state
         state = step.state or state
-        totals.add(*target.append(step))
+        history.add(*target.append(step))
         tracker.generation()
 
     with closing(evaluator), closing(steps):
@@ -223,15 +221,15 @@ def _evolve(
             done=done,
         )
         last = _keep(steps, write, progress, on_generation)
-        best = best_robot(settings, target, totals, evaluator, plan.founders)
+        best = best_robot(settings, target, history, evaluator, plan.founders)
     axes, floor = plan.archive.axes(plan.classes), plan.archive.floor
     counts = archive_record(last.archive, axes, floor=floor)
     domain = plan.vocabulary.domain
     target.finish(
-        summary(settings, totals, last, best, findings(search, state, plan.vocabulary)),
+        summary(settings, history, last, best, findings(search, state, plan.vocabulary)),
         ArchiveFile(domain, dict(axes), floor, counts.coverage, counts.qd_score, last.archive),
     )
-    return totals
+    return history
 
 
 def _keep(

@@ -7,6 +7,8 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
 from itertools import accumulate, pairwise
+from math import fsum
+from operator import itemgetter
 from statistics import fmean
 from typing import Any, Final
 
@@ -23,116 +25,118 @@ from islandgp.text import title
 
 POINTS: Final = 300  # most points of a curve in a picture
 TIERS: Final = 8  # most curves of tiers; the best tiers have one
-
-
-def _last(values: Sequence[float]) -> float:
-    return values[-1]
-
-
-CURVES: Final[Mapping[str, Callable[[Sequence[float]], float]]] = {
-    "episodes": _last,  # since the start
-    "fitness_max": max,  # points
-    "best_of_stage": _last,  # highest fitness so far in the stage, points
-    "fitness_mean": fmean,  # points
-    "coverage": _last,  # of the archive; 0 without one
-    "qd_score": _last,
-}
-"""The curves besides those of tiers, and the value of a thinned one for some generations."""
+LAST: Final = ("best_of_stage", "coverage", "qd_score")  # of some generations, that of the last one
 
 
 @dataclass(slots=True)
-class RunCurves:
-    """Curves over generations, and the best individual of the last stage so far."""
+class RunRecords:
+    """What the end of a run and its page need of all generations so far."""
 
-    generations: int = 0
-    values: dict[str, array[float]] = field(
-        default_factory=lambda: {name: array("d") for name in CURVES}
-    )
-    tiers: dict[str, array[float]] = field(default_factory=dict)  # share of individuals, best first
-    stages: list[tuple[int, int]] = field(default_factory=list)  # first generation, and stage
-    fittest: Mapping[str, Any] | None = None  # record of the best individual of the last stage
-    seconds: float = 0.0  # spent in its generations
     constraints: Constraints = field(default_factory=dict)
+    snapshots: list[Mapping[str, Any]] = field(default_factory=list)  # by generation
+    costs: list[Mapping[str, Any]] = field(default_factory=list)  # by generation
+    decisions: list[Mapping[str, Any]] = field(default_factory=list)  # of the supervisor
+    worlds: set[int] = field(default_factory=set)  # seeds
+    curves: list[dict[str, float]] = field(default_factory=list)
+    """By generation: points, the archive's figures, and the share of individuals of each tier."""
+    fittest: Mapping[str, Any] | None = None  # record of the best individual of the last stage
+    first_best: str = ""  # canonical text of the fittest tree of generation 0
     earned: set[str] = field(default_factory=set)  # components with which any individual won points
     counted: set[str] = field(default_factory=set)  # counters that were above 0 in any individual
-    reached: set[str] = field(default_factory=set)  # tiers that any individual reached
 
-    @classmethod
-    def of(cls, folder: RunFolder) -> RunCurves:
-        """Curves of a run, without any generation yet. Raises RunError."""
-        return cls(constraints=recorded_constraints(folder.configuration()))
+    @property
+    def generations(self) -> int:
+        """Generations so far."""
+        return len(self.snapshots)
+
+    @property
+    def stage(self) -> int:
+        """The stage of the last generation, as an index into Table 2."""
+        return int(self.snapshots[-1]["stage"])
 
     @property
     def episodes(self) -> int:
         """Episodes so far."""
-        return round(self.values["episodes"][-1]) if self.generations else 0
+        return sum(cost["episodes"] for cost in self.costs)
+
+    @property
+    def seconds(self) -> float:
+        """Seconds spent in the generations."""
+        return fsum(
+            c[part] for c in self.costs for part in ("evaluation", "supervision", "operators")
+        )
 
     def add(self, record: Mapping[str, Any], cost: Mapping[str, Any]) -> None:
-        """Add a generation."""
+        """Add a generation, given its record and its costs as plain values."""
         snapshot, everyone, archive = record["snapshot"], record["individuals"], record["archive"]
-        if not self.stages or self.stages[-1][1] != snapshot["stage"]:
-            self.stages.append((self.generations, snapshot["stage"]))
-            self.fittest = None
         best = max(everyone, key=self._merit)
-        if self.fittest is None or self._merit(best) > self._merit(self.fittest):
+        is_new = not self.snapshots or snapshot["stage"] != self.stage
+        if self.fittest is None or is_new or self._merit(best) > self._merit(self.fittest):
             self.fittest = best
-        figures = {
-            "episodes": self.episodes + cost["episodes"],
-            "fitness_max": best["fitness"],
-            "best_of_stage": self.fittest["fitness"],
-            "fitness_mean": snapshot["fitness_mean"],
-            "coverage": archive["coverage"],
-            "qd_score": archive["qd_score"],
-        }
-        for name, value in figures.items():
-            self.values[name].append(value)
-        self.reached.update(name for name, n in snapshot["tiers"].items() if n)
+        self.first_best = self.first_best or max(everyone, key=lambda i: i["fitness"])["tree"]
+        self.snapshots.append(snapshot)
+        self.costs.append(cost)
+        self.curves.append(
+            {
+                "fitness_max": best["fitness"],
+                "best_of_stage": self.fittest["fitness"],
+                "fitness_mean": snapshot["fitness_mean"],
+                "coverage": archive["coverage"],
+                "qd_score": archive["qd_score"],
+                **{name: n / max(1, len(everyone)) for name, n in snapshot["tiers"].items()},
+            }
+        )
+        self.worlds.update(record["worlds"])
+        if (guidance := record["guidance"]) is not None:
+            self.decisions.append({key: guidance[key] for key in ("source", "asked_at")})
         for i in everyone:
             self.earned.update(name for name, points in i["components"].items() if points > 0)
             self.counted.update(name for name, value in i["counters"].items() if value > 0)
-        for name in [*snapshot["tiers"]][:TIERS]:
-            if len(self.tiers) < TIERS:
-                self.tiers.setdefault(name, array("d", bytes(8 * self.generations)))
-        for name, shares in self.tiers.items():
-            shares.append(snapshot["tiers"].get(name, 0) / max(1, len(everyone)))
-        self.generations += 1
-        self.seconds += cost["evaluation"] + cost["supervision"] + cost["operators"]
 
     def _merit(self, individual: Mapping[str, Any]) -> Merit:
         v = violation(individual["counters"], self.constraints) if self.constraints else 0.0
         return merit(individual["fitness"], v)
 
 
+def read_history(folder: RunFolder) -> RunRecords:
+    """The history of the generations in a run's folder. Raises RunError."""
+    history = RunRecords(recorded_constraints(folder.configuration()))
+    for record, cost in zip(folder.records(), folder.costs(), strict=False):
+        history.add(record, cost)
+    return history
+
+
 MAX_NAMES: Final = 6  # most names in a sentence
 
 
-def nothing_works(curves: RunCurves, classes: Classes, rewards: object) -> str:
+def nothing_works(history: RunRecords, classes: Classes, rewards: object) -> str:
     """A sentence on what no individual has achieved, with remedies; "" if something works.
 
     Something works if an individual has shown a behaviour and one has reached a tier. Points are
     no criterion, as some domains have penalties only.
 
     Args:
-        curves: of at least one generation.
+        history: of at least one generation.
         classes: of the run.
         rewards: of its domain; if it is a RewardTable, events that never paid are named, except
             those of a component with penalties, which may hide their points.
     """
     table = rewards.events if isinstance(rewards, RewardTable) else {}
-    known = curves.earned | {row.component for row in table.values() if row.costs}
+    known = history.earned | {row.component for row in table.values() if row.costs}
     unpaid = [event for event, row in table.items() if row.component not in known]
-    missing = [name for name, key in classes.behaviours.items() if key not in curves.counted]
-    if curves.reached and len(missing) < len(classes.behaviours):
+    missing = [name for name, key in classes.behaviours.items() if key not in history.counted]
+    reached = any(n for snapshot in history.snapshots for n in snapshot["tiers"].values())
+    if reached and len(missing) < len(classes.behaviours):
         return ""
     failures = []
-    if not curves.reached:
+    if not reached:
         failures.append(f"reached a tier ({_listed(map(title, classes.tiers))})")
     if missing:
         failures.append(f"shown a behaviour ({_listed(missing)})")
     if unpaid:
         failures.append(f"earned points for {_listed(unpaid)}")
     return (
-        f"No individual has ever {' or '.join(failures)} in {curves.episodes:,} episodes:"
+        f"No individual has ever {' or '.join(failures)} in {history.episodes:,} episodes:"
         " start from a tree (`start=`), add a library, reward a step before it, or raise"
         " `gp.episodes`."
     )
@@ -144,28 +148,29 @@ def _listed(names: Iterable[str]) -> str:
     return ", ".join([*first[:MAX_NAMES], *more])
 
 
-def read_history(folder: RunFolder) -> RunCurves:
-    """Read the generations in a run's folder. Raises RunError."""
-    curves = RunCurves.of(folder)
-    for record, cost in zip(folder.records(), folder.costs(), strict=False):
-        curves.add(record, cost)
-    return curves
-
-
-def thinned(history: RunCurves, points: int = POINTS) -> dict[str, Any]:
+def thinned(history: RunRecords, points: int = POINTS) -> dict[str, Any]:
     """The curves with at most `points` points, each of about as many generations."""
     n, k = history.generations, min(history.generations, points)
     places = [*pairwise(i * n // k for i in range(k + 1))] if k else []
+    episodes = [*accumulate(cost["episodes"] for cost in history.costs)]
+    stages = [snapshot["stage"] for snapshot in history.snapshots]
 
-    def joined(values: Sequence[float], join: Callable[[Sequence[float]], float]) -> list[float]:
+    def joined(name: str, join: Callable[[Sequence[float]], float] = fmean) -> list[float]:
+        values = [row.get(name, 0.0) for row in history.curves]
         return [join(values[first:end]) for first, end in places]
 
-    begins = [[history.values["episodes"][first], stage + 1] for first, stage in history.stages]
     return {
         "generation": [end - 1 for _, end in places],
-        **{name: joined(history.values[name], join) for name, join in CURVES.items()},
-        "tiers": {name: joined(shares, fmean) for name, shares in history.tiers.items()},
-        "stages": begins,
+        "episodes": [episodes[end - 1] for _, end in places],
+        "fitness_max": joined("fitness_max", max),
+        "fitness_mean": joined("fitness_mean"),
+        **{name: joined(name, itemgetter(-1)) for name in LAST},
+        "tiers": {tier: joined(tier) for tier in [*history.snapshots[-1]["tiers"]][:TIERS]}
+        if n
+        else {},
+        "stages": [
+            [episodes[g], stages[g] + 1] for g in range(n) if not g or stages[g] != stages[g - 1]
+        ],
     }
 
 

@@ -36,7 +36,7 @@ from islandgp.resources import program
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import in_words
 from islandgp.text import in_points
-from islandgp.viewer.history import RunCurves, lineage, nothing_works, read_history, thinned
+from islandgp.viewer.history import RunRecords, lineage, nothing_works, read_history, thinned
 from islandgp.viewer.page import filled, page, script_data
 from islandgp.viewer.recording import record
 
@@ -58,7 +58,7 @@ class RunView:
     about: RunMetadata
     status: Status
     config: Mapping[str, Any]
-    history: RunCurves
+    history: RunRecords
     champion: Mapping[str, Any] | None  # an individual's record
     summary: Mapping[str, Any] | None  # of a finished run
 
@@ -66,7 +66,7 @@ class RunView:
 def run_page(
     folder: RunFolder,
     status: Status,
-    curves: RunCurves | None = None,
+    history: RunRecords | None = None,
     *,
     replay: str = "",
     now: int = 0,
@@ -76,14 +76,14 @@ def run_page(
     Args:
         folder: of the run; it must have a configuration.
         status: of the run; the page of a RUNNING one reloads itself.
-        curves: of the generations in the folder; None: they are read from it.
+        history: of the generations in the folder; None: it is read from it.
         replay: a replay page of the best robot; "" for none.
         now: ms since 1970.
 
     Raises:
         RunError: a file of the folder is damaged.
     """
-    history = read_history(folder) if curves is None else curves
+    history = history or read_history(folder)
     champion, summary = history.fittest, None
     if status is Status.FINISHED:
         summary = folder.summary()
@@ -240,7 +240,7 @@ def first_episode(folder: RunFolder, name: str) -> tuple[int, int]:
 def write_page(
     folder: RunFolder,
     status: Status,
-    curves: RunCurves | None = None,
+    history: RunRecords | None = None,
     problem: Callable[[], Problem] | None = None,
 ) -> None:
     """Writes the page of a run; that of a finished run has the replay of its best robot.
@@ -250,7 +250,7 @@ def write_page(
     Args:
         folder: of the run.
         status: of the run.
-        curves: of the run, as in `run_page`.
+        history: of the run, as in `run_page`.
         problem: makes the problem of a finished run; None: from the folder's configuration and
             the user's.
 
@@ -265,7 +265,7 @@ def write_page(
             for name in (MANIFEST, PAGE):  # of a process that was killed here
                 remove_leftovers(folder.path, f"{name}.*")
             replay, now = _replay(folder, problem), summary.stat().st_mtime
-        text = run_page(folder, status, curves, replay=replay, now=int(1000 * now))
+        text = run_page(folder, status, history, replay=replay, now=int(1000 * now))
         if _content(summary) == before:  # else the run has ended, or another one has begun
             write_atomic(folder.path / PAGE, text.encode())
             if status is Status.FINISHED:

@@ -15,9 +15,10 @@ from islandgp.gp.record import Step
 from islandgp.records.archive_file import ArchiveFile
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder
-from islandgp.running.report import summary, totals_of
+from islandgp.running.report import summary
 from islandgp.supervision.baseline import Baseline, BaselineSettings
 from islandgp.tracking.store import MLflowSettings, Store, TrackingStore
+from islandgp.viewer.history import read_history
 from tests.composed import composed, composed_plan, plain
 from tests.evolution.fake import Fake
 from tests.samples import best_of
@@ -95,7 +96,7 @@ def finished(folder: RunFolder, last: Step, validation: Validation | None = None
 def summary_of(folder: RunFolder, last: Step, best: Best) -> dict[str, Any]:
     """The summary of a run with the settings of these tests."""
     settings = composed(*SMALL)
-    return summary(settings, totals_of(folder), last, best, ())
+    return summary(settings, read_history(folder), last, best, ())
 
 
 def place(home: Path, experiment: str = "islandgp") -> TrackingStore:

@@ -16,7 +16,8 @@ from islandgp.records.archive_file import ArchiveFile
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder
 from islandgp.records.manifest import add_to_manifest
-from islandgp.running.report import summary, totals_of
+from islandgp.running.report import summary
+from islandgp.viewer.history import read_history
 from tests.composed import composed, plain
 from tests.evolution.runs import SMALL, plan, run
 from tests.samples import CLASSES, best_of
@@ -69,14 +70,14 @@ def closed_run(
         folder.append(step)
     if complete:
         settings, elites = composed(*SMALL), steps[-1].archive
-        totals = totals_of(folder)
+        history = read_history(folder)
         best = best_of(steps[-1].champion, VALIDATION)
         axes = plan().archive.axes(CLASSES)
         record = archive_record(elites, axes, floor=0)
         archive = ArchiveFile(
             "island", dict(axes), 0, record.coverage, record.qd_score, tuple(elites)
         )
-        folder.finish(summary(settings, totals, steps[-1], best, ()), archive)
+        folder.finish(summary(settings, history, steps[-1], best, ()), archive)
     folder.close()
     return folder
 

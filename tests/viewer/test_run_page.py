@@ -19,7 +19,7 @@ from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import add_to_manifest
 from islandgp.running.report import report
 from islandgp.scoring.classes import Classes
-from islandgp.viewer.history import RunCurves, nothing_works, read_history, thinned
+from islandgp.viewer.history import RunRecords, nothing_works, read_history, thinned
 from islandgp.viewer.run_page import run_page
 from tests.composed import plain
 from tests.evolution.runs import SMALL, run
@@ -101,7 +101,8 @@ def test_a_run_in_which_nothing_works(tmp_path: Path) -> None:
     rewards = RewardTable.model_validate(plain(*SMALL)["rewards"])
     history = read_history(closed_run(tmp_path / "run"))
     assert nothing_works(history, classes, rewards) == ""
-    history.reached.clear()
+    for snapshot in history.snapshots:
+        snapshot["tiers"] = dict.fromkeys(snapshot["tiers"], 0)
     history.earned.clear()
     name = next(n for n, counter in classes.behaviours.items() if counter == "deliveries")
     history.counted.discard("deliveries")
@@ -129,23 +130,25 @@ def test_curves_are_the_records(finished: RunFolder, page: Parsed) -> None:
     assert curves["coverage"] == [r["archive"]["coverage"] for r in records]
     assert curves["qd_score"] == [r["archive"]["qd_score"] for r in records]
     assert curves["tiers"]["complete"] == [r["snapshot"]["tiers"]["complete"] / 12 for r in records]
-    assert curves["stages"] == [[12.0, 1]]
+    assert curves["stages"] == [[12, 1]]
     assert curves["best_of_stage"] == [max(curves["fitness_max"][: g + 1]) for g in range(8)]
 
 
 def test_the_highest_so_far_begins_again_with_a_stage() -> None:
     """Points of two stages are not compared."""
-    history = RunCurves()
+    history = RunRecords({})
     cost = {"episodes": 1, "evaluation": 0, "supervision": 0, "operators": 0}
     for stage, best in ((0, 5.0), (0, 3.0), (1, 2.0), (1, 4.0)):
         record = {
             "snapshot": {"stage": stage, "fitness_mean": 0.0, "tiers": {}},
-            "individuals": [{"fitness": best, "components": {}, "counters": {}}],
+            "individuals": [{"fitness": best, "tree": "", "components": {}, "counters": {}}],
+            "worlds": [],
+            "guidance": None,
             "archive": {"coverage": 0.0, "qd_score": 0.0},
         }
         history.add(record, cost)
     curves = thinned(history)
-    assert (curves["best_of_stage"], curves["stages"]) == ([5, 5, 2, 4], [[1.0, 1], [3.0, 2]])
+    assert (curves["best_of_stage"], curves["stages"]) == ([5, 5, 2, 4], [[1, 1], [3, 2]])
     assert history.fittest is not None
     assert history.fittest["fitness"] == 4.0
 
@@ -279,7 +282,7 @@ def test_a_long_run_has_a_page_of_some_size(tmp_path: Path) -> None:
     curves = thinned(history)
     assert {len(curves[name]) for name in ("episodes", "fitness_max", "best_of_stage")} == {300}
     assert curves["episodes"][-1] == 96 + 2_000
-    assert max(curves["fitness_max"]) == max(history.values["fitness_max"])
+    assert max(curves["fitness_max"]) == max(row["fitness_max"] for row in history.curves)
     folder = closed_run(tmp_path / "many")
     trees = ["PatrolWaypoint\n" + "# " + "x" * 500 for _ in range(6**4)]
     elites = tuple(
