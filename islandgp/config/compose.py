@@ -24,13 +24,13 @@ from islandgp.config.settings import Settings, read_settings
 from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError
 from islandgp.records.parameters import (
+    HIDDEN,
     RUNTIME_KEYS,
     ending_in_digest,
     is_secret,
     key_of,
     without_credentials,
 )
-from islandgp.redaction import HIDDEN
 
 NOT_IN_FOLDER: Final = RUNTIME_KEYS | {
     "hydra",

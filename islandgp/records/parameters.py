@@ -8,8 +8,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Final
 
-from islandgp.redaction import FREE, HIDDEN, names_secret, without_secrets
-
+HIDDEN: Final = "***"  # replaces a secret
 RUNTIME_KEYS: Final = frozenset(
     {"evaluator", "tracking", "runs", "resume", "keep_going", "progress", "tags"}
 )
@@ -51,8 +50,6 @@ def _factory(config: Mapping[str, Any], key: str) -> str:
 
 
 def _hidden(key: str, value: Any) -> Any:
-    if key in FREE:
-        value = without_secrets(value)
     if isinstance(value, Mapping):
         return redacted(value)
     if value and SECRET.search(key):
@@ -84,10 +81,6 @@ def short_key(key: str, others: Iterable[str]) -> str:
 
 def is_secret(key: str) -> bool:
     """True if a dotted key is that of a secret."""
-    *path, last = key.split(".")
-    if not FREE.isdisjoint(path):
-        at = next(i for i, part in enumerate(path) if part in FREE)
-        return any(map(names_secret, [*path[at + 1 :], last]))
     return SECRET.search(key.rpartition(".")[2]) is not None
 
 

@@ -30,8 +30,8 @@ from islandgp.records.files import PAGE, RunMetadata
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.manifest import NAME as MANIFEST
 from islandgp.records.manifest import add_to_manifest
+from islandgp.records.parameters import HIDDEN
 from islandgp.records.values import best_robot_in_a_sentence, constrained, reached
-from islandgp.redaction import HIDDEN
 from islandgp.resources import program
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import in_words

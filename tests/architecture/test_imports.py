@@ -26,7 +26,6 @@ LAYERS: list[tuple[str, ...]] = [
         "resources",
         "installed",
         "plugin",
-        "redaction",
         "threads",
         "time_limit",
         "gate",

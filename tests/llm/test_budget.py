@@ -130,11 +130,10 @@ def test_a_connection_that_is_not_made_is_no_request() -> None:
 
 
 def test_what_makes_a_request_longer_is_in_the_bound() -> None:
-    """Its schema, more fields of its body, and a quoted answer of a byte a token."""
+    """Its schema, and a quoted answer of a byte a token."""
     plain = Request("m", "s", ("u",), 2048)
     for longer in (
         replace(plain, schema={"enum": ["word"] * 3000}),
-        replace(plain, extra={"note": "word " * 3000}),
         replace(plain, turns=("u", "\U00012345" * 500, "u")),
     ):
         assert longer.most_tokens().input - plain.most_tokens().input >= 1999
@@ -157,23 +156,6 @@ def test_an_odd_number_is_refused_before_the_run(value: str) -> None:
     """It could not be written down, waited for or multiplied with."""
     with pytest.raises(ConfigError, match=re.escape(value.lstrip("+").partition("=")[0])):
         settings(value)
-
-
-@pytest.mark.parametrize(
-    "field", ["max_tokens: 9", "model: m", "stream: true", "messages: []", "temperature: 1"]
-)
-def test_more_fields_of_a_request_cannot_replace_others(field: str) -> None:
-    """The caps depend on fields of the request, e.g. its longest answer."""
-    name = field.partition(":")[0]
-    with pytest.raises(ConfigError, match=f"expected other fields than .*found {name}"):
-        settings(f"extra_body={{{field}}}")
-
-
-@pytest.mark.parametrize("value", ["{a: nan}", "{a: {b: [inf]}}"])
-def test_more_fields_of_a_request_are_json(value: str) -> None:
-    """A number that JSON does not have is refused before the run."""
-    with pytest.raises(ConfigError, match=r"extra_body"):
-        settings(f"extra_body={value}")
 
 
 @pytest.mark.parametrize("cap", [0, 1, 2, 3, 7, 8])

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import resource
 import socket
 import sys
@@ -225,16 +226,15 @@ def test_missing_counts_of_tokens_are_unknown(usage: object, known: bool) -> Non
     assert (mocked(message(usage=usage)).usage is not None) == known
 
 
-def test_more_fields() -> None:
-    """A schema joins the user's output_config."""
-    extra = {"top_k": 3, "output_config": {"effort": "low"}}
-    ask = Request("m", "s", ("u", "a", "v"), 9, 0.5, {"type": "object"}, extra=extra)
+def test_turns_and_a_schema() -> None:
+    """The Messages API has the schema in `output_config`."""
+    ask = Request("m", "s", ("u", "a", "v"), 9, 0.5, {"type": "object"})
     with MessagesServer() as server, client_of(server.url) as client:
         client.send(ask, seconds=5)
     (body,) = server.requests
     assert [turn["role"] for turn in body["messages"]] == ["user", "assistant", "user"]
-    assert (body["temperature"], body["top_k"]) == (0.5, 3)
-    assert set(body["output_config"]) == {"effort", "format"}
+    assert body["temperature"] == 0.5
+    assert body["output_config"]["format"]["schema"] == {"type": "object"}
 
 
 def test_a_late_attempt_leaves_no_thread() -> None:
@@ -317,8 +317,8 @@ def test_a_cloud_gets_its_credentials(monkeypatch: pytest.MonkeyPatch) -> None:
 def test_a_function_of_the_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """It gets the HTTP client and options of the SDK as keyword arguments: docs/llm.md."""
     page = Path(__file__).parents[2] / "docs" / "llm.md"
-    example = page.read_text(encoding="utf-8").partition("```python\n")[2].partition("```")[0]
-    (tmp_path / "clouds.py").write_text(example, encoding="utf-8")
+    example, adding = re.findall("```python\n(.*?)```", page.read_text(encoding="utf-8"), re.DOTALL)
+    (tmp_path / "clouds.py").write_text(example + adding, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setitem(sys.modules, "boto3", None)
     made: list[dict[str, Any]] = []
@@ -332,6 +332,10 @@ def test_a_function_of_the_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
     with MessagesServer(answer=lambda _: "Hello.") as server:
         client = ServerClient(None, server.url, factory="clouds:bedrock")
         assert isinstance(client.send(ASK, seconds=20), Reply)
+        monkeypatch.setenv("ANTHROPIC_API_KEY", KEY)
+        client = ServerClient(None, server.url, factory="clouds:thinking")
+        assert isinstance(client.send(ASK, seconds=20), Reply)
+    assert server.requests[1] == server.requests[0] | {"thinking": {"type": "adaptive"}}
     (options,) = made
     assert set(options) == {"aws_region", "http_client", "max_retries", "base_url"}
     assert server.keys[0].endswith(KEY)

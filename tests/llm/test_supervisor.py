@@ -112,9 +112,6 @@ def test_a_thought_without_an_answer_is_repaired() -> None:
         ((), 2048),
         (("max_tokens=512",), 512),
         (("model=claude-haiku-5-5",), 16_048),
-        (("model=claude-haiku-5-5", "extra_body={thinking: {type: disabled}}"), 2048),
-        (("extra_body={thinking: {type: adaptive}}",), 16_048),
-        (("extra_body={thinking: {type: enabled, budget_tokens: 4000}}",), 6048),
     ],
 )
 def test_the_tokens_of_an_answer_follow_the_model(overrides: tuple[str, ...], tokens: int) -> None:
@@ -276,19 +273,11 @@ def test_a_useless_model_is_not_asked_to_the_end(most: int, tmp_path: Path) -> N
     llm, client = supervisor(answering(rate="no", tree="no"), *overrides, folder=tmp_path)
     answers = [advise(llm, state(g)) for g in range(6)]
     assert len(client.requests) == 1 + most
-    reason = f"fallback: useless: no usable answer to {most} questions in a row"
-    assert answers[-1].notes == {"rate": reason, "tree": reason}
+    reason = f"fallback: useless: no usable answer to {most} questions in a row (the last: json: "
+    assert all(note.startswith(reason) for note in answers[-1].notes.values())
     resumed, client = supervisor(answering(), *overrides, folder=tmp_path)
     assert [advise(resumed, state(g)) for g in range(6)] == answers
     assert client.requests == []
-
-
-def test_a_useless_model_can_stop_the_run() -> None:
-    """The error names the model and the setting."""
-    llm, _ = supervisor(answering(rate="no", tree="no"), "useless=2", "on_outage=stop")
-    advise(llm, state(0))
-    with pytest.raises(SupervisionError, match="none to the last 2 questions; set another"):
-        advise(llm, state(1))
 
 
 @pytest.mark.parametrize("kind", [FailureKind.SERVER, FailureKind.UNREACHABLE])

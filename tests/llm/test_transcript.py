@@ -162,7 +162,6 @@ def test_digests_tell_requests_apart() -> None:
         replace(ASK, max_tokens=99),
         replace(ASK, temperature=None),
         replace(ASK, schema=None),
-        replace(ASK, extra={"top_k": 3}),
     ]
     assert len({r.digest for r in [ASK, *others]}) == len(others) + 1
     assert replace(ASK, model="n", schema=None).prompt_digest == ASK.prompt_digest

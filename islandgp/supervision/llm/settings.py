@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
-from typing import Annotated, Any, ClassVar, Final, Literal
+from typing import Annotated, ClassVar, Final, Literal
 
 from pydantic import (
     AfterValidator,
@@ -13,7 +12,6 @@ from pydantic import (
     BaseModel,
     Field,
     SecretStr,
-    field_validator,
     model_validator,
 )
 
@@ -27,11 +25,6 @@ DATE: Final = r"^\d{4}-\d\d-\d\d$"
 THINKING_TOKENS: Final = 14_000  # for thinking before an answer
 THINKING_SPEED: Final = 50  # tokens per second, lower bound
 
-
-OWN_FIELDS: Final = frozenset(
-    ("max_tokens", "messages", "model", "stream", "system", "temperature")
-)
-"""Fields of a request's body that have settings of their own; `stream` is not supported."""
 
 _REQUESTS: Final = re.compile(r"(/v1)?/(messages|responses|(chat/)?completions)/*$")
 
@@ -153,7 +146,6 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     max_tokens: int = Field(ge=64, le=200_000)  # of an answer
     temperature: float | None = Field(ge=0, le=2)  # sent if the model accepts one
     output: Literal["auto", "grammar", "structured", "text"]  # auto: the first that is taken
-    extra_body: dict[str, Any] | None = None  # further fields of each request's body
     retry: RetrySettings
     repairs: int = Field(ge=0, le=5)  # further turns after a rejected answer
     rates: Rates  # lowest and highest accepted mutation rate
@@ -163,7 +155,7 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     parents: int = Field(default=2, ge=1, le=10)  # trees in the question for edits
     rare: float = Field(ge=0, le=1)  # share of the population below which a behaviour is rare
     on_outage: Outage = "fallback"  # reaction to a server that does not answer
-    useless: int | None = Field(default=None, ge=1)
+    useless: int = Field(default=10, ge=1)
     """Questions in a row without a usable answer before the model is no longer asked."""
     most_fallback: float | None = Field(default=None, ge=0, le=1)  # share; None: any
     caps: Caps
@@ -172,17 +164,6 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     prompts: str  # paper, informed, or a folder
     fallback: Fallback
     reads: ClassVar = dict.fromkeys(("rate", "tree", "edits"), READS)
-
-    @field_validator("extra_body")
-    @classmethod
-    def _more_fields(cls, extra: dict[str, Any] | None) -> dict[str, Any] | None:
-        if reserved := sorted(OWN_FIELDS.intersection(extra or {})):
-            raise ValueError(
-                f"expected other fields than {', '.join(sorted(OWN_FIELDS))}, which have settings"
-                f" of their own or are not supported, found {', '.join(reserved)}"
-            )
-        json.dumps(extra, allow_nan=False)  # raises ValueError for a number that JSON lacks
-        return extra
 
     @model_validator(mode="after")
     def _whole(self) -> LLMSettings:
@@ -197,12 +178,7 @@ class LLMSettings(BaseModel, frozen=True, extra="forbid", hide_input_in_errors=T
     @property
     def reply_tokens(self) -> int:
         """Most tokens of a reply: of the answer and of thinking before it."""
-        asked = (self.extra_body or {}).get("thinking")
-        if not isinstance(asked, dict):
-            return self.max_tokens + THINKING_TOKENS * self.facts.thinks
-        budget = asked.get("budget_tokens")
-        default = THINKING_TOKENS * (asked.get("type") in ("adaptive", "enabled"))
-        return self.max_tokens + (budget if isinstance(budget, int) else default)
+        return self.max_tokens + THINKING_TOKENS * self.facts.thinks
 
     @property
     def deadline(self) -> float:

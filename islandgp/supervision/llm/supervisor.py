@@ -15,11 +15,10 @@ import numpy as np
 
 from islandgp.errors import SupervisionError
 from islandgp.plugin import path_of, plugin_errors
-from islandgp.redaction import secrets_in, without_secrets
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, Guidance, RunContext, Supervisor
 from islandgp.supervision.guidance import ask
-from islandgp.supervision.llm.answers import DecisionAnswer
+from islandgp.supervision.llm.answers import DecisionAnswer, ModelAnswer, schema
 from islandgp.supervision.llm.calls import (
     Answer,
     Calls,
@@ -75,13 +74,13 @@ FIELDS: Final = {
 }
 """Fields of the guidance by the part that sets them."""
 
-_GREETING: Final[dict[str, Any]] = {
-    "type": "object",
-    "properties": {"greeting": {"type": "string"}},
-    "required": ["greeting"],
-    "additionalProperties": False,
-}
 _GREETING_GRAMMAR: Final = 'root ::= "{\\"greeting\\": \\"Hello.\\"}"'
+
+
+class Greeting(ModelAnswer, frozen=True):
+    """The answer to the probe."""
+
+    greeting: str
 
 
 class Adviser:
@@ -99,9 +98,6 @@ class Adviser:
         """Asks for all parts of the guidance; the fallback provides those without a usable answer.
 
         `rng` is consumed by the fallback.
-
-        Raises:
-            SupervisionError: too many unusable answers in a row, with `on_outage` "stop".
         """
         questions = self.questions
         answers = {part: self._answer(part, state, calls) for part in questions.parts}
@@ -123,42 +119,32 @@ class Adviser:
         """Asks for a part of the guidance, unless the model is no longer asked."""
         generation, questions = state.now.generation, self.questions
         questions.episodes[part] = 0
-        if failure := self._given_up(calls, generation, part):
-            why = f"{failure.kind}: {failure.message}"
-            end = Conclusion(generation, part, "fallback", why, (), failure.kind.value)
+        if reason := self._given_up(calls, generation, part):
+            failed = reason.partition(":")[0]
+            end = Conclusion(generation, part, "fallback", reason, (), failed)
             return None, concluded(calls, end)
         request, check = questions.request(part, state), questions.check(part, state)
         return converse(calls, questions, Call(generation, part, 0), request, check)
 
-    def _given_up(self, calls: Calls, generation: int, part: str) -> Failure | None:
-        """The failure if the model is not asked for this part of a generation; None if it is.
+    def _given_up(self, calls: Calls, generation: int, part: str) -> str:
+        """The reason if the model is not asked for this part of a generation; "" if it is.
 
         A rejected answer is useless, and so is a failure that may be charged; others are skipped.
         """
-        later = {(generation, p) for p in self.questions.parts[self.questions.parts.index(part) :]}
-        useless: list[Conclusion] = []
+        parts, useless = self.questions.parts, 0
         for end in calls.transcript.parts:
-            if end.generation > generation or (end.generation, end.part) in later:
-                continue
+            if (end.generation, parts.index(end.part)) >= (generation, parts.index(part)):
+                continue  # a resumed run asks again
             if end.failed in HOPELESS:
-                return Failure(FailureKind(end.failed), end.why.removeprefix(f"{end.failed}: "))
+                return end.why
             if end.source != "fallback":
-                useless = []
+                useless = 0
             elif end.rejected or end.failed in CHARGED:
-                useless.append(end)
-        most = self.settings.useless
-        if most is None or len(useless) < most:
-            return None
-        last = f" (the last: {useless[-1].why})" if useless[-1].failed in CHARGED else ""
-        if self.settings.on_outage == "stop":
-            raise SupervisionError(
-                f"Expected a usable answer of {self.settings.model_name}, found none to the last"
-                f" {len(useless)} questions{last}; set another supervisor.policy.model, or raise"
-                " supervisor.policy.useless."
-            )
-        return Failure(
-            FailureKind.USELESS, f"no usable answer to {len(useless)} questions in a row{last}"
-        )
+                useless, last = useless + 1, end.why
+        if useless < self.settings.useless:
+            return ""
+        found = f"no usable answer to {useless} questions in a row (the last: {last})"
+        return f"{FailureKind.USELESS}: {found}"
 
 
 class LLM:
@@ -217,7 +203,6 @@ class LLM:
                 self.close()
                 raise
             settings = self.settings.model_dump(mode="json", exclude={"api_key", "client_factory"})
-            settings["extra_body"] = without_secrets(settings["extra_body"])
             calls.transcript.add(Start(settings))
         else:
             server = "asked before"
@@ -257,21 +242,20 @@ class LLM:
         """
         lines = {}
         kinds = (FailureKind.BUDGET, FailureKind.USELESS, *HOPELESS)
-        final = tuple(f"fallback: {kind}: " for kind in kinds)
-        if reasons := [note for note in guidance.notes.values() if note.startswith(final)]:
-            lines["given up"] = (
-                f"Supervision continues with the fallback from generation {generation}:"
-                f" {reasons[0].split(': ', 2)[2]}"
-            )
-        last = self.calls.transcript.attempts[-1]
-        if isinstance(last.answer, Reply) and last.usage is not None:
-            expected = last.request.characters / self.settings.facts.characters
-            if last.usage.read < FEW * expected:
-                lines["cut"] = (
-                    f"{self.settings.place} may cut prompts silently: it counted {last.usage.read}"
-                    f" tokens of a prompt of about {expected:.0f}; enlarge its context (for Ollama"
-                    " OLLAMA_CONTEXT_LENGTH)"
+        for _, _, reason in (note.partition("fallback: ") for note in guidance.notes.values()):
+            if reason.startswith(tuple(f"{kind}: " for kind in kinds)):
+                lines["given up"] = (
+                    f"Supervision continues with the fallback from generation {generation}:"
+                    f" {reason.partition(': ')[2]}"
                 )
+        last = self.calls.transcript.attempts[-1]
+        expected = last.request.characters / self.settings.facts.characters
+        if isinstance(last.answer, Reply) and last.usage and last.usage.read < FEW * expected:
+            lines["cut"] = (
+                f"{self.settings.place} may cut prompts silently: it counted {last.usage.read}"
+                f" tokens of a prompt of about {expected:.0f}; enlarge its context (for Ollama"
+                " OLLAMA_CONTEXT_LENGTH)"
+            )
         for kind in lines.keys() - self._warned:
             logging.getLogger("islandgp").warning("%s", lines[kind])
         self._warned |= lines.keys()
@@ -290,13 +274,12 @@ def probe(calls: Calls, settings: LLMSettings) -> str:
         ("Please greet me.",),
         settings.reply_tokens,
         settings.temperature,
-        _GREETING if settings.sends_schema else None,
-        extra=settings.extra_body,
-        grammar=_GREETING_GRAMMAR if settings.sends_grammar else None,
+        schema(Greeting) if settings.sends_schema else None,
+        _GREETING_GRAMMAR if settings.sends_grammar else None,
     )
-    _, answer = ask_with_less(calls, Call(-1, "probe", 0), request)
-    busy = TRANSIENT - {FailureKind.UNREACHABLE, FailureKind.MALFORMED} | {FailureKind.BUDGET}
+    request, answer = ask_with_less(calls, Call(-1, "probe", 0), request)
     if isinstance(answer, Failure):
+        busy = TRANSIENT - {FailureKind.UNREACHABLE, FailureKind.MALFORMED} | {FailureKind.BUDGET}
         if answer.kind in busy and settings.on_outage != "stop":
             return f"no answer yet: {answer.message}; the fallback is used meanwhile"
         remedy = "see the server's message, or use supervisor=expert, which needs no server"
@@ -325,5 +308,4 @@ def client_of(settings: LLMSettings) -> Client:
         settings.address,
         interface=settings.interface,
         factory=settings.client_factory,
-        secrets=tuple(secrets_in(settings.extra_body)),
     )

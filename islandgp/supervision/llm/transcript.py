@@ -199,11 +199,8 @@ class Transcript:
         repeated = not isinstance(entry, Sent | Attempt) and entry in self._entries
         if self.fixed or repeated:
             return
-        values = asdict(entry)
-        if isinstance(entry, Attempt):
-            values["request"] = entry.request.plain()
         self._entries.append(entry)
-        self._write({"line": _NAMES[type(entry)], **values})
+        self._write({"line": _NAMES[type(entry)], **asdict(entry)})
 
     def _write(self, line: Mapping[str, Any]) -> None:
         if (path := self.path) is None:
