@@ -131,6 +131,8 @@ WORLDS: Final[dict[str, World]] = {
         ("domain=lunarlander", "budget.episodes=12000", "gp.population=60", "gp.episodes=4"),
         DOMAINS / "gymnasium" / "trees" / "lunarlander.bt",
         numeric=True,
+        arms=("decision_list", "racing", "random", "paper"),
+        seeds=range(9720, 9740),
     ),
     "swimmer": World(
         ("domain=swimmer", "budget.episodes=400"),

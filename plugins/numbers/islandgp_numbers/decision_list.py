@@ -4,12 +4,15 @@ For each group of actions that exclude each other, a tree has one list,
 
     selector { when 0.4 * angle + spin > 0.1 { Left } when height + 0.8 * climb < 0 { Main } Rest }
 
-1. Skeletons, which are orders of the actions, compete by successive halving. Each has guards of
-   all keys that are numbers, scaled by their ranges, and a CMA-ES that begins with random sums.
-2. The remaining skeleton continues.
-3. Each guard loses all keys but those with the largest weights, and CMA-ES moves the numbers that
+1. With more than two actions, each is evaluated alone; the best one is the default of the list, its
+   last action. A guard cuts the space of the keys in two, so no guard can describe "in all
+   other cases", as an action at the front of the list would need.
+2. Skeletons, which are orders of the other actions, compete by successive halving. Each has guards
+   of all keys that are numbers, scaled by their ranges, and a CMA-ES that begins with random sums.
+3. The remaining skeleton continues.
+4. Each guard loses all keys but those with the largest weights, and CMA-ES moves the numbers that
    are left. Numbers have two digits from here on.
-4. The last trees are evaluated again and again, so that the best robot is chosen by evidence.
+5. The last trees are evaluated again and again, so that the best robot is chosen by evidence.
 
 All trees of a generation have the same worlds. CMA-ES of the numbers of policies: Heidrich-Meisner
 and Igel 2009, Journal of Algorithms 64(4). Evolved decision trees with sums of observations:
@@ -113,7 +116,7 @@ class Lists:
             return lists[0]
         if self.instant:
             return sequence(*lists)
-        return Node("parallel", ParallelArgs(failure="all"), tuple(lists))
+        return alone(lists)
 
     def _guard(self, guard: Numbers, digits: int) -> Condition:
         *weights, offset = guard
@@ -173,14 +176,21 @@ def _moves(name: str, arguments: Mapping[str, Parameter]) -> Iterator[Node]:
         yield leaf_of(name, dict(zip(arguments, values, strict=True)), arguments)
 
 
-def orders_of(groups: Sequence[Sequence[Node]]) -> Iterator[Order]:
-    """All orders; the last two actions of a list may change places, as guards can be negated."""
-    places = {id(move): at for moves in groups for at, move in enumerate(moves)}
-    lists = (
-        [p for p in permutations(moves) if len(p) < 2 or places[id(p[-2])] < places[id(p[-1])]]
-        for moves in groups
+def orders_of(groups: Sequence[Sequence[Node]], defaults: Sequence[Node]) -> Iterator[Order]:
+    """All orders that end with the default action of their group."""
+    return product(
+        *(
+            [(*order, last) for order in permutations(m for m in moves if m is not last)]
+            for moves, last in zip(groups, defaults, strict=True)
+        )
     )
-    return product(*lists)
+
+
+def alone(moves: Sequence[Node]) -> Node:
+    """A tree that does one action of each group in every tick."""
+    if len(moves) == 1:
+        return moves[0]
+    return Node("parallel", ParallelArgs(failure="all"), tuple(moves))
 
 
 class DecisionList:
@@ -312,14 +322,27 @@ class _Run:
         self.told: tuple[tuple[Merit, ...], ...] = ()
         self.confirmed = 0  # generations, with the next one, of the finals
         self.recent: list[Node] = []  # the best trees after pruning, the newest last
-        orders = list(islice(orders_of(groups), MAX_ORDERS))
-        chosen = streams(Stream.SEARCH).permutation(len(orders))[: settings.skeletons]
         self.active: list[_Skeleton] = []
+        self.pruned = False
+        self.groups = groups
+        self.constant: list[tuple[Node, ...]] = []  # the candidates for the defaults, if evaluated
+        if max(map(len, groups)) > 2:
+            every = [*islice(product(*groups), MAX_ORDERS)]
+            chosen = streams(Stream.SEARCH).permutation(len(every))[: plan.gp.population]
+            self.constant = [every[at] for at in chosen]
+            self.trees = [alone(moves) for moves in self.constant]
+        else:  # of two actions, either may be the default, as guards can be negated
+            self._enter([moves[-1] for moves in groups])
+
+    def _enter(self, defaults: Sequence[Node]) -> None:
+        """The skeletons that compete."""
+        orders = list(islice(orders_of(self.groups, defaults), MAX_ORDERS))
+        chosen = self.streams(Stream.SEARCH).permutation(len(orders))[: self.settings.skeletons]
         for slot, at in enumerate(chosen):
-            lists = Lists(plan.vocabulary, orders[at])
+            lists = Lists(self.plan.vocabulary, orders[at])
             every = np.ones(lists.size, bool)
             self.active.append(self._skeleton(lists, np.zeros(lists.size), 1.0, every, slot))
-        self.entrants, self.pruned = len(self.active), False
+        self.entrants = len(self.active)
         self._sample()
 
     def _skeleton(
@@ -343,8 +366,11 @@ class _Run:
         if self.confirmed:
             self.confirmed += 1
             return
-        self.current.tell(self.samples, merits)
         best = max(range(len(merits)), key=merits.__getitem__)
+        if not self.active:
+            self._enter(self.constant[best])
+            return
+        self.current.tell(self.samples, merits)
         done, settings = len(self.told) / self.plan.gp.generations, self.settings
         if self.pruned:
             self.recent += [self.trees[best], self._tree(self.current.cma.mean)]

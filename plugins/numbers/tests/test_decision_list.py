@@ -32,9 +32,11 @@ VOCABULARY = Vocabulary(
     },
 )
 
+GROUPS = groups_of(VOCABULARY)
+
 
 def lists() -> Lists:
-    return Lists(VOCABULARY, next(orders_of(groups_of(VOCABULARY))))
+    return Lists(VOCABULARY, next(orders_of(GROUPS, [moves[-1] for moves in GROUPS])))
 
 
 def test_a_list_is_in_canonical_form() -> None:
@@ -62,8 +64,8 @@ def test_a_tree_does_what_the_numbers_say() -> None:
 
 
 def test_orders_and_groups() -> None:
-    """Guards can be negated, so 6 orders are 3; resources and extremes make lists of their own."""
-    assert len([*orders_of(groups_of(VOCABULARY))]) == 3
+    """The default is last, so 6 orders are 2; resources and extremes make lists of their own."""
+    assert len([*orders_of(GROUPS, [GROUPS[0][-1]])]) == 2
     torque = {"torque": real("", -1, 1, default=1)}
     swimmer = Vocabulary(
         "swimmer",
@@ -78,7 +80,9 @@ def test_orders_and_groups() -> None:
         ["Front(torque: -1)", "Front"],
         ["Rear(torque: -1)", "Rear"],
     ]
-    tree = Lists(swimmer, next(orders_of(groups))).tree(np.ones(8), 2)
+    tree = Lists(swimmer, next(orders_of(groups, [moves[-1] for moves in groups]))).tree(
+        np.ones(8), 2
+    )
     assert parse(to_text(tree), swimmer) == tree
     assert [tree.kind, *(child.kind for child in tree.children)] == ["sequence", *["selector"] * 2]
     both = Vocabulary("both", {n: Action("", frozenset({FAILURE, RUNNING})) for n in "AB"}, {})
