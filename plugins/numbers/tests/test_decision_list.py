@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -127,6 +128,24 @@ def test_it_finds_the_guard_prunes_it_and_confirms_it() -> None:
         assert all(len(word.strip("0.-")) <= 2 for word in text.split() if word[0].isdigit())
         assert individual.origin == Origin.ELITE
     assert [i.tree for i in steps[-1][0]] == [i.tree for i in steps[-2][0]]
+
+
+def test_the_best_single_action_ends_every_list() -> None:
+    """The first generation is the four actions of LunarLander alone; the lists are tried next."""
+    search, _ = search_and_plan("decision_list", "domain=lunarlander", "gp.generations=30")
+    state = search.start()
+    actions = search.ask(state, Streams(1))
+    names = sorted(to_text(i.tree).strip() for i in actions)
+    assert names == ["FireLeft", "FireMain", "FireRight", "Rest"]
+    told = [evaluated(i.id, -float(to_text(i.tree) != "FireMain\n")) for i in actions]
+    state = search.tell(state, told, NO_ADVICE)
+    orders = set()
+    for _ in range(4):
+        individuals = search.ask(state, Streams(1))
+        orders |= {tuple(re.findall("Fire[A-Z][a-z]+|Rest", to_text(i.tree))) for i in individuals}
+        state = search.tell(state, [evaluated(i.id) for i in individuals], NO_ADVICE)
+    assert {order[-1] for order in orders} == {"FireMain"}
+    assert len(orders) == 4
 
 
 def test_what_it_needs() -> None:
