@@ -52,7 +52,8 @@ _PARTS: Final = {
     "Inverter [ ArePosesNear ref_pose={goal} target_pose={last} tolerance=0.1 ] "
     "ComputePathToPose start={last} goal={goal} path={mile} planner_id={p} "
     "ConcatenatePaths input_path1={route} input_path2={mile} output_path={route} ]",
-    "ROUTE": "ComputeRoute goal={goal} path={route} use_poses=true error_code_id={route_error}",
+    "ROUTE": "ComputeRoute goal={goal} path={route} route={nodes} use_poses=true "
+    "error_code_id={route_error}",
     "ROUTED": "Sequence [ Fallback [ WouldARouteRecoveryHelp error_code={route_error} "
     "WouldAPlannerRecoveryHelp error_code={plan_error} ] CLEAR2 ]",
 }
@@ -106,12 +107,12 @@ SHAPES: Final = {
     "navigate_w_routing_global_planning_and_control_w_recovery":
     "RecoveryNode number_of_retries=6 [ PipelineSequence [ SELECT "
     "RecoveryNode number_of_retries=1 [ RateController hz=0.5 [ Fallback [ VALID Sequence [ ROUTE "
-    "ExtractRouteNodesAsGoals route={route} goals={goals} "
-    "AppendGoalPoseToGoals input_goals={goals} output_goals={goals} goal_pose={goal} ] ] ] "
+    "ExtractRouteNodesAsGoals route={nodes} goals={stops} "
+    "AppendGoalPoseToGoals input_goals={stops} output_goals={stops} goal_pose={goal} ] ] ] "
     "Sequence [ Fallback [ WouldARouteRecoveryHelp error_code={route_error} ] CLEAR2 ] ] "
     "RateController hz=1.0 [ RecoveryNode number_of_retries=1 [ Sequence [ "
-    "RemovePassedGoals input_goals={goals} output_goals={goals} radius=3.0 "
-    "GetNextFewGoals input_goals={goals} num_goals=2 output_goals={next} "
+    "RemovePassedGoals input_goals={stops} output_goals={stops} radius=3.0 "
+    "GetNextFewGoals input_goals={stops} num_goals=2 output_goals={next} "
     "ComputePathThroughPoses goals={next} path={path} planner_id={p} ] "
     "Sequence [ WouldAPlannerRecoveryHelp error_code={plan_error} CLEAR2 ] ] ] DRIVEN ] HELPED ]",
     "odometry_calibration":

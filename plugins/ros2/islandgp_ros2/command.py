@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import signal
 import sys
-from contextlib import nullcontext
+from contextlib import ExitStack
 from importlib.util import find_spec
 from math import isnan
 from pathlib import Path
@@ -50,6 +50,12 @@ _FILE = click.Path(exists=True, dir_okay=False, path_type=Path)
     type=click.IntRange(1, 65_535),
     help="Show the tree at http://127.0.0.1:PORT, with its last minute.",
 )
+@click.option(
+    "--groot",
+    metavar="PORT",
+    type=click.IntRange(1, 65_535),
+    help="Show the tree in Groot2 on this computer; its own default is 1667.",
+)
 def command(
     tree: Path,
     map_file: Path,
@@ -58,6 +64,7 @@ def command(
     once: bool,
     leaves_file: Path | None,
     view: int | None,
+    groot: int | None,
 ) -> None:
     """Tick the tree in the file TREE as a node of ROS 2.
 
@@ -76,8 +83,9 @@ def command(
             " the setup file of your ROS 2"
         )
     from islandgp.binding import NodeStatus
+    from islandgp_ros2.groot import Groot, groot_served
     from islandgp_ros2.node import TreeNode, ros_node, run
-    from islandgp_ros2.view import viewed
+    from islandgp_ros2.view import LastMinute, viewed
 
     signals: list[int] = []  # no exception, which could interrupt rclpy
     for number in (signal.SIGINT, signal.SIGTERM):
@@ -85,7 +93,15 @@ def command(
     with ros_node(robot_map.node) as (node, spin):
         tree_node = TreeNode(node, tree, robot_map, vocabulary, leaves=leaves_file, step_s=1 / rate)
         try:
-            with viewed(tree_node.record(), view) if view else nullcontext():
+            with ExitStack() as views:
+                if view:
+                    minute = LastMinute(tree_node.robot_tree, 1 / rate)
+                    tree_node.watchers.append(minute.add)
+                    views.enter_context(viewed(minute, view))
+                if groot:
+                    state = Groot(tree_node.robot_tree)
+                    tree_node.watchers.append(state.add)
+                    views.enter_context(groot_served(state, groot))
                 status = run(spin, tree_node, rate, lambda: bool(signals), once=once)
         except IslandError as error:
             if not tree_node.may_run:

@@ -8,7 +8,8 @@ from contextlib import suppress
 from importlib import import_module
 from typing import Any
 
-from islandgp.bt.core.parameters import NO_YES
+from pydantic import TypeAdapter
+
 from islandgp.bt.core.source import closest
 from islandgp.errors import ConfigError
 
@@ -40,74 +41,63 @@ def filled(message: Any, values: Mapping[str, Any], place: str) -> Any:
     Raises:
         ConfigError: a field does not exist, or has another type.
     """
-    fields = message.get_fields_and_field_types()
     with suppress(AttributeError):  # newer versions check types only where they are asked to
         message._check_fields = True
     for path, value in values.items():
         name, _, rest = str(path).partition(".")
-        if name not in fields:
-            near = closest(name, fields)
-            hint = f"; perhaps {near} is meant" if near else ""
-            raise ConfigError(
-                f"{place}: expected fields among {', '.join(fields) or 'none'},"
-                f" found {name!r}{hint}"
-            )
         inner = {rest: value} if rest else value
-        before = getattr(message, name)
+        before = _field(message, name, place)
         if isinstance(inner, Mapping) and hasattr(before, "get_fields_and_field_types"):
             filled(before, inner, f"{place}.{name}")
             continue
         try:
             setattr(message, name, _converted(inner, before))
         except (AssertionError, TypeError, ValueError, OverflowError):
+            kind = message.get_fields_and_field_types()[name]
             hint = ", the name of no argument and no key" if isinstance(value, str) else ""
             raise ConfigError(
-                f"{place}.{name}: expected a value of {fields[name]}, found {str(inner)[:60]!r}"
-                f"{hint}"
+                f"{place}.{name}: expected a value of {kind}, found {str(inner)[:60]!r}{hint}"
             ) from None
     return message
 
 
 def _converted(value: Any, default: Any) -> Any:
-    """A value of a map or a tree, converted to the type of a field.
+    """A value of a map or a tree, converted to the type of a field's default.
 
     A tree without a vocabulary has `5` for a number and `yes` for a flag.
 
     Raises:
-        TypeError: a flag for a number.
-        ValueError: a word for a number.
+        ValueError: it cannot be converted, as a flag for a number.
     """
-    if isinstance(default, bool):
-        return value == NO_YES[1] if value in NO_YES else value
-    if isinstance(value, bool) and isinstance(default, int | float):
-        raise TypeError
-    if isinstance(value, str) and isinstance(default, int | float):
-        value = float(value)  # of a port whose type is not declared
-    if isinstance(default, float) and isinstance(value, int):
-        return float(value)
-    if isinstance(default, int) and isinstance(value, float) and value.is_integer():
-        return int(value)
-    return value
+    if not isinstance(default, int | float):
+        return value
+    if isinstance(value, bool) > isinstance(default, bool):
+        raise ValueError("a flag for a number")
+    return TypeAdapter(type(default)).validate_python(value)
 
 
-def must_have(message: Any, field: str, place: str) -> None:
-    """Raises ConfigError if a message has no such field; lists may have no elements yet."""
-    for name in re.findall(r"[a-z][a-z0-9_]*", re.sub(r"\[.*", "", field)):
-        if not hasattr(message, "get_fields_and_field_types") or not hasattr(message, name):
-            fields: dict[str, str] = getattr(message, "get_fields_and_field_types", dict)()
-            raise ConfigError(
-                f"{place}: expected fields among {', '.join(fields) or 'none'}, found {name!r}"
-            )
-        message = getattr(message, name)
+def value_of(message: Any, field: str, place: str = "") -> Any:
+    """The value of a field such as `pose.position.x` or `ranges[0]`; "" is the whole message.
 
-
-def value_of(message: Any, field: str) -> Any:
-    """The value of a field such as `pose.position.x` or `ranges[0]`; None if there is none."""
+    None for an element beyond the end of a list. Raises ConfigError if there is no such field;
+    `place`: where it is written.
+    """
     for name, index in re.findall(r"([a-z][a-z0-9_]*)(?:\[(\d+)\])?", field):
-        message = getattr(message, name, None)
+        message = _field(message, name, place)
         if index:
-            try:
-                message = message[int(index)]
-            except (IndexError, TypeError):
-                return None
+            message = next(iter(message[int(index) : int(index) + 1]), None)
+        if message is None:
+            break
     return message
+
+
+def _field(message: Any, name: str, place: str) -> Any:
+    """The value of one field. Raises ConfigError."""
+    fields: dict[str, str] = getattr(message, "get_fields_and_field_types", dict)()
+    if name not in fields:
+        near = closest(name, fields)
+        hint = f"; perhaps {near} is meant" if near else ""
+        raise ConfigError(
+            f"{place}: expected fields among {', '.join(fields) or 'none'}, found {name!r}{hint}"
+        )
+    return getattr(message, name)

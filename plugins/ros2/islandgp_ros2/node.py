@@ -15,11 +15,10 @@ from islandgp.bt.core.incomplete import find_includes
 from islandgp.bt.core.node import walk
 from islandgp.bt.core.printer import head
 from islandgp.errors import ConfigError, IslandError
-from islandgp_ros2.keys import RosKeys, must_be_plain, received
+from islandgp_ros2.keys import RosKeys, must_be_plain
 from islandgp_ros2.leaves import RosLeaves, functions
 from islandgp_ros2.requests import Call, Goal
 from islandgp_ros2.robot_map import RobotMap
-from islandgp_ros2.view import LastMinute
 
 LOOK_S: Final = 0.5  # between two checks of files and topics
 STOP_S: Final = 0.02  # most s between two checks whether to stop and which goals can be sent
@@ -62,28 +61,24 @@ class TreeNode:
         self._log = node.get_logger()
         self._file, self._vocabulary = file, vocabulary
         self._message, self._step_s = String, step_s
-        self._keys = RosKeys(node, robot_map)
-        self._actions = RosLeaves(node, robot_map, self._keys)
-        conditions = received(node, robot_map, "conditions")
-        for condition in conditions.values():
-            must_be_plain(f"{condition.place}.field", condition.sample, text=False)
-        self._received = [*self._keys.received.values(), *conditions.values()]
-        own = functions(leaves, self._keys) if leaves else {}
-        if twice := own.keys() & {*robot_map.actions, *conditions}:
+        self._keys = RosKeys(node, robot_map.keys)
+        self._actions = RosLeaves(node, robot_map.actions, self._keys)
+        self._own = functions(leaves, self._keys) if leaves else {}
+        asked = {name: partial(holds, key.read) for name, key in self._keys.all.items()}
+        self._leaves = {**asked, **self._actions.leaves}
+        if twice := self._own.keys() & self._actions.leaves.keys():
             raise ConfigError(
                 f"Expected each leaf in the map or in {leaves}, found {min(twice)} in both; remove"
                 " one of them."
             )
-        asked = {name: partial(holds, key.read) for name, key in conditions.items()}
-        self._leaves, self._own = {**self._actions.leaves, **asked}, own
         self._stamp = stamp(file)
-        self._is_readable = True
         self._looked = monotonic()
         self._waits_for: tuple[str, ...] = ()  # keys that topics and services set
         self.robot_tree = self._load()
         self._publisher = node.create_publisher(String, "~/status", 10)
         self._missing: tuple[str, ...] = ()
-        self._minute: LastMinute | None = None
+        self.watchers: list[Callable[[RobotTree, bool], None]] = []
+        """Called after each tick; False as the second argument: the tree waits for its keys."""
         self.may_run: list[Goal | Call] = []
         """Goals and calls whose end was not confirmed when the node stopped."""
 
@@ -97,7 +92,7 @@ class TreeNode:
         if monotonic() - self._looked >= LOOK_S:
             self._looked = monotonic()
             self._reload()
-            for key in self._received:
+            for key in self._keys.all.values():
                 key.look()
         tree = self.robot_tree.tree
         missing = tuple(key for key in self._waits_for if self._keys[key] is None)
@@ -110,27 +105,18 @@ class TreeNode:
         self._publish(tree, status)
         return status
 
-    def record(self) -> LastMinute:
-        """Records the states of the last minute from now on."""
-        self._minute = LastMinute(self.robot_tree, self._step_s or 1.0)
-        return self._minute
-
     def send(self) -> None:
         """Sends the goals of the last tick that waited for a cancellation."""
         self._actions.send()
-
-    def stop(self) -> None:
-        """Cancels all goals and publishes the state."""
-        self.robot_tree.stop()
-        self._actions.send()
-        self._publish(self.robot_tree.tree, None)
 
     def end(self, spin: Callable[[float], None]) -> None:
         """Cancels all goals and waits CANCEL_S seconds for their servers to confirm the end.
 
         `may_run` then has those without it. `spin`: of `ros_node`.
         """
-        self.stop()
+        self.robot_tree.stop()
+        self._actions.send()
+        self._publish(self.robot_tree.tree, None)
         cancelled = [*self._actions.ending]
         end = monotonic() + CANCEL_S
         while self._actions.ending and monotonic() < end:
@@ -138,26 +124,32 @@ class TreeNode:
             self._actions.send()
         self.may_run = [each for each in cancelled if not each.is_settled]
         for each in self.may_run:
-            self._log.error(f"{each.name} may still run: {each.place} {each.obstacle or SILENT}")
+            self._log.error(
+                f"{each.action.name} may still run: {each.place} {each.obstacle or SILENT}"
+            )
 
     def _load(self) -> RobotTree:
         tree, keys = load_tree(self._file, self._vocabulary), self._keys
         samples = self._actions.check(tree.calls())
+        inputs, sources = {*tree.inputs()}, self._actions.sources(tree.calls())
+        for name in {*tree.actions()} & {*keys.all} - {*self._actions.leaves, *self._own}:
+            must_be_plain(f"keys.{name}.field", keys.all[name].sample, text=False)
+            must_be_plain(f"keys.{name}.default", keys.all[name].default, text=False)
         for name in {*tree.keys()} & {*samples}:
-            if name in tree.inputs() and name not in {*keys.received, *keys.written}:
+            if name in inputs and name not in keys.all:
                 raise ConfigError(
                     f"keys.{name}: expected `initial`, the value before the first result, found"
                     f" no entry; write e.g. `{name}: {{initial: 0}}`"
                 )
             words = name in tree.words.keys and tree.words.keys[name].words
             must_be_plain(f"keys.{name}.field", samples[name], text=bool(words))
-        inputs, sources = tree.inputs(), self._actions.sources(tree.calls())
-        known = {*keys.received} - sources | {*inputs} & {*keys.received, *keys.written}
+        received = [name for name, key in keys.all.items() if key.is_received]
+        known = {*received} - sources | inputs & {*keys.all}
         values = {name: partial(keys.__getitem__, name) for name in known}
         own = {name: leaf for name, leaf in self._own.items() if name in tree.actions()}
         robot_tree = tree.bind({**self._leaves, **own}, values, step_s=self._step_s)
         keys.vocabulary = tree.words
-        self._waits_for = tuple(name for name in keys.received if name in {*inputs, *sources})
+        self._waits_for = tuple(name for name in received if name in inputs | sources)
         return robot_tree
 
     def _reload(self) -> None:
@@ -166,10 +158,7 @@ class TreeNode:
         A file that cannot be read has not changed: an editor may be replacing it.
         """
         new_stamp = stamp(self._file)
-        if not new_stamp and self._is_readable:
-            self._log.warning(f"{self._file} cannot be read; the tree stays as it was")
-        self._is_readable = bool(new_stamp)
-        if not new_stamp or new_stamp == self._stamp:
+        if new_stamp in ((), self._stamp):
             return
         self._stamp = new_stamp
         try:
@@ -182,8 +171,8 @@ class TreeNode:
         self._log.info(f"{self._file} loaded again")
 
     def _publish(self, tree: Tree, status: NodeStatus | None) -> None:
-        if self._minute:
-            self._minute.add(self.robot_tree, is_ticked=status is not None)
+        for watch in self.watchers:
+            watch(self.robot_tree, status is not None)
         nodes = [
             {"node": head(node), "status": None if end is None else end.name}
             for node, end in zip(walk(tree.node), self.robot_tree.statuses, strict=True)
@@ -207,7 +196,7 @@ def stamp(file: Path) -> tuple[object, ...]:
 
 
 def holds(read: Callable[[], object], **_: object) -> bool:
-    """True if a condition's field is true; False without a value."""
+    """True if a key is true; False without a value."""
     return bool(read())
 
 

@@ -10,6 +10,7 @@ from socket import gethostname
 from time import monotonic
 from typing import Any, Final
 
+from islandgp_ros2.actions import RosAction
 from islandgp_ros2.messages import value_of
 
 ANSWER_S: Final = 0.5  # most s for which other goals wait for the answer to a cancellation
@@ -26,49 +27,45 @@ _QUESTIONS: Final = 10  # requests for the result of a goal after its server has
 class Request:
     """A goal or a call of one leaf of the tree, which `send` sends."""
 
-    name: str  # of the action in the tree
+    action: RosAction
     place: str  # name of the action server or service
-    timeout: float | None  # s until it fails
-    server_timeout: float  # s without a server, or without an answer of it, until it fails
-    uses: tuple[str, ...]  # resources that no other request may use at the same time
     client: Any
     message: Any
+    uses: tuple[str, ...]  # resources that no other request may use at the same time
+    replaces: Request | None = None  # a goal that its server ends when it accepts this one
     waits_for: str = "no server"
-    is_sent: bool = False
-    is_cancelled: bool = False
+    start: float = field(default_factory=monotonic)
+    sent_at: float | None = None
+    cancelled_at: float | None = None
+    is_accepted: bool = False
+    is_settled: bool = False  # True: its server has confirmed that nothing of it runs
     succeeded: bool | None = None  # None: it is open
     reason: str = ""  # of a failure
     result: Any = None  # of the server, also after a failure
     feedback: Any = None  # the last one
-    replaces: Request | None = None  # a goal that its server ends when it accepts this one
-    is_accepted: bool = False
-    is_settled: bool = False  # True: its server has confirmed that nothing of it runs
-    is_given_up: bool = False  # True: its server does not answer, so it may run
     obstacle: str = ""
     """Why it may still run although it was cancelled; "": its server has not answered."""
-    start: float = field(default_factory=monotonic)
-    sent_at: float = 0.0
-    cancelled_at: float = 0.0
 
     def check_time(self) -> None:
         """Fails the request if one of its limits is reached."""
-        now = monotonic()
-        if not self.is_sent and now - self.start >= self.server_timeout:
-            self.fail(f"{self.waits_for} for {self.server_timeout:g} s")
-        elif self.timeout is not None and now - self.start >= self.timeout:
-            self.fail(f"not done within {self.timeout:g} s")
+        waited, limits = monotonic() - self.start, self.action.entry
+        if self.sent_at is None and waited >= limits.server_timeout:
+            self.fail(f"{self.waits_for} for {limits.server_timeout:g} s")
+        elif limits.timeout is not None and waited >= limits.timeout:
+            self.fail(f"not done within {limits.timeout:g} s")
 
     @property
     def awaits_answer(self) -> bool:
         """True until the cancellation is answered, at most ANSWER_S seconds."""
-        return not self.obstacle and monotonic() - self.cancelled_at < ANSWER_S
+        waits = self.cancelled_at is not None and monotonic() - self.cancelled_at < ANSWER_S
+        return waits and not self.obstacle
 
     def fail(self, reason: str) -> None:
         """End it for the tree; it may go on at its server."""
         if self.succeeded is None:
             self.succeeded, self.reason = False, f"{self.place}: {reason}"
 
-    def _finish(self, *, succeeded: bool, reason: str = "", result: Any = None) -> None:
+    def _finish(self, *, succeeded: bool, reason: str, result: Any = None) -> None:
         """The server has confirmed the end."""
         self.is_settled = True
         if self.succeeded is None:
@@ -81,56 +78,49 @@ class Request:
 class Call(Request):
     """A call of a service. It cannot be cancelled; its response is then ignored."""
 
-    field: str | None = None  # of the response with the result; None: any response is a success
     answer: Any = None
-
-    @property
-    def is_ready(self) -> bool:
-        """True if the service is available."""
-        return bool(self.client.service_is_ready())
 
     def send(self) -> None:
         """Calls the service."""
-        self.is_sent = True
+        self.sent_at = monotonic()
         self.answer = self.client.call_async(self.message)
         self.answer.add_done_callback(self._on_answer)
 
     def cancel(self) -> None:
         """Ignores the response from now on."""
-        self.is_cancelled = True
-        self.is_settled = self.is_settled or not self.is_sent
         self.obstacle = "was called, which cannot be cancelled, and has not answered"
 
-    def give_up(self) -> None:
-        """Stops waiting for the response of a cancelled call after its timeout."""
-        if monotonic() - self.start >= self.server_timeout:
-            self.is_given_up = True
+    def gives_up(self) -> bool:
+        """Whether the response of a cancelled call is waited for no longer, after its timeout."""
+        is_late = monotonic() - self.start >= self.action.entry.server_timeout
+        if is_late:
             self.client.remove_pending_request(self.answer)
+        return is_late
 
     def _on_answer(self, answer: Any) -> None:
         result = answer.result()
-        succeeded = self.field is None or bool(value_of(result, self.field))
-        self._finish(succeeded=succeeded, reason=f"answered {self.field}: false", result=result)
+        field = self.action.success
+        succeeded = field is None or bool(value_of(result, field))
+        self._finish(succeeded=succeeded, reason=f"answered {field}: false", result=result)
 
 
 @dataclass(eq=False)
 class Goal(Request):
     """A goal of an action server."""
 
-    id: bytes = b""
+    id: bytes = field(init=False)
     is_cancelling: bool = False
     publishers: set[bytes] = field(default_factory=set)  # of the server's state, when it was sent
     questions: int = 0
     status: int = 0  # that the server publishes
 
-    @property
-    def is_ready(self) -> bool:
-        """True if the action server is available."""
-        return bool(self.client.is_ready)
+    def __post_init__(self) -> None:
+        """Draws the ID."""
+        self.id = self.client.prefix + token_bytes(8)
 
     def send(self) -> None:
         """Sends the goal."""
-        self.is_sent, self.sent_at = True, monotonic()
+        self.sent_at = monotonic()
         self.publishers = self.client.publishers()
         if not self.client.goals:
             self.client.silent_s = 0.0  # of goals that have been given up
@@ -139,29 +129,32 @@ class Goal(Request):
 
     def check_time(self) -> None:
         """As for any request; also if the server accepts nothing or does not answer."""
-        unanswered = 0.0 if self.is_accepted else monotonic() - self.sent_at
-        if self.is_sent and max(self.client.silent_s, unanswered) >= self.server_timeout:
-            self.fail(f"no answer for {self.server_timeout:g} s")
+        if self._is_lost(self.sent_at):
+            self.fail(f"no answer for {self.action.entry.server_timeout:g} s")
         super().check_time()
 
     def cancel(self) -> None:
         """Cancels the goal, after its acceptance if the server has not accepted it yet."""
-        self.is_cancelled, self.cancelled_at = True, monotonic()
-        if not self.is_sent:
-            self.is_settled = True
-        elif self.is_accepted:
+        if self.is_accepted:
             self.client.ask("cancel_goal", self.id, self._on_cancelling)
 
-    def give_up(self) -> None:
-        """Stops waiting for the end of a cancelled goal if its server does not answer."""
-        waited = 0.0 if self.is_accepted else monotonic() - self.cancelled_at
-        if max(self.client.silent_s, waited) >= self.server_timeout:
-            self.is_given_up = True
+    def gives_up(self) -> bool:
+        """Whether the end of a cancelled goal is waited for no longer: no answer."""
+        is_lost = self._is_lost(self.cancelled_at)
+        if is_lost:
             self.client.goals.pop(self.id, None)
+        return is_lost
+
+    def _is_lost(self, since: float | None) -> bool:
+        """Whether the server has not answered, or not accepted the goal, for its time limit."""
+        if since is None:
+            return False
+        unanswered = 0.0 if self.is_accepted else monotonic() - since
+        return bool(max(self.client.silent_s, unanswered) >= self.action.entry.server_timeout)
 
     def watch(self) -> None:
         """Repeats what the server may have missed. Called every WATCH_S seconds."""
-        if self.is_cancelled and not self.is_cancelling:
+        if self.cancelled_at is not None and not self.is_cancelling:
             self.client.ask("cancel_goal", self.id, self._on_cancelling)
         new = self.client.publishers() - self.publishers
         if self.is_accepted and (new or self.status in _ENDS):
@@ -180,8 +173,8 @@ class Goal(Request):
             self._end(0, None, "rejected the goal")
             return
         self.client.ask("get_result", self.id, self._on_result)
-        if self.is_cancelled:
-            self.client.ask("cancel_goal", self.id, self._on_cancelling)
+        if self.cancelled_at is not None:
+            self.cancel()
 
     def _on_cancelling(self, answer: Any) -> None:
         cancelling = self.id in [bytes(goal.goal_id.uuid) for goal in answer.goals_canceling]
@@ -227,15 +220,17 @@ class Server:
         from rclpy.qos import QoSProfile, ReliabilityPolicy
         from rclpy.qos import qos_profile_action_status_default as kept
 
-        self._node, self.name, self._log = node, name, node.get_logger()
-        parts = {
-            "send_goal": kind.Impl.SendGoalService,
-            "get_result": kind.Impl.GetResultService,
+        self._node, self._log = node, node.get_logger()
+        self._path = f"{name}/_action"
+        impl = kind.Impl
+        services = {
+            "send_goal": impl.SendGoalService,
+            "get_result": impl.GetResultService,
             "cancel_goal": CancelGoal,
         }
         self._clients = {
-            part: node.create_client(service, f"{name}/_action/{part}")
-            for part, service in parts.items()
+            part: node.create_client(service, f"{self._path}/{part}")
+            for part, service in services.items()
         }
         owner = f"{gethostname()} {node.get_fully_qualified_name()}"
         self.prefix = sha256(owner.encode()).digest()[:8]
@@ -246,23 +241,19 @@ class Server:
         """IDs of goals that have ended, whose last state may still come."""
         self.silent_s = 0.0  # s of open goals without an answer
         self._questions: deque[Any] = deque()
-        best_effort = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
-        topics = {
-            "feedback": (kind.Impl.FeedbackMessage, self._on_feedback, best_effort),
-            "status": (kind.Impl.GoalStatusMessage, self._on_statuses, kept),
-        }
-        for part, (message, callback, profile) in topics.items():
-            node.create_subscription(message, f"{name}/_action/{part}", callback, profile)
+        loses = QoSProfile(depth=1, reliability=ReliabilityPolicy.BEST_EFFORT)
+        feedback, status = f"{self._path}/feedback", f"{self._path}/status"
+        node.create_subscription(impl.FeedbackMessage, feedback, self._on_feedback, loses)
+        node.create_subscription(impl.GoalStatusMessage, status, self._on_statuses, kept)
         node.create_timer(WATCH_S, self._watch, clock=Clock(clock_type=ClockType.STEADY_TIME))
 
-    @property
-    def is_ready(self) -> bool:
+    def service_is_ready(self) -> bool:
         """True if the server is available."""
         return all(client.service_is_ready() for client in self._clients.values())
 
     def publishers(self) -> set[bytes]:
         """IDs of the publishers of the server's state; a new server has a new one."""
-        found = self._node.get_publishers_info_by_topic(f"{self.name}/_action/status")
+        found = self._node.get_publishers_info_by_topic(f"{self._path}/status")
         return {bytes(each.endpoint_gid) for each in found}
 
     def ask(
@@ -293,9 +284,8 @@ class Server:
             self.silent_s = 0.0
             return
         self.silent_s += WATCH_S
-        self._questions.append(
-            self.ask("cancel_goal", token_bytes(16))
-        )  # of no goal: any server answers it
+        nothing = token_bytes(16)  # the ID of no goal: any server answers it
+        self._questions.append(self.ask("cancel_goal", nothing))
         if len(self._questions) > 20:
             self._clients["cancel_goal"].remove_pending_request(self._questions.popleft())
         for goal in [*self.goals.values()]:
@@ -311,5 +301,5 @@ class Server:
             elif goal_id in self.ended or each.status not in _ACTIVE:
                 continue
             elif goal_id.startswith(self.prefix):
-                self._log.warning(f"{self.name}: a goal left by a node of this name is cancelled")
+                self._log.warning(f"{self._path}: cancels a goal that a node of this name has left")
                 self.ask("cancel_goal", goal_id)

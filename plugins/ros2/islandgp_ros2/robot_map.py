@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Annotated, Any, Final
 
 import yaml
-from pydantic import BaseModel, Field, FiniteFloat, ValidationError
+from pydantic import BaseModel, Discriminator, Field, FiniteFloat, Tag, ValidationError
 
 from islandgp.bt.core.source import shown
 from islandgp.errors import ConfigError
 from islandgp.text_files import read_text_file
 
-_MAX_CHARACTERS: Final = 100_000  # characters
 NAME: Final = r"^~?/?[A-Za-z_][A-Za-z0-9_]*(/[A-Za-z_][A-Za-z0-9_]*)*$"
 """Pattern of names of servers and topics."""
 _NAME: Final = Field(pattern=NAME, max_length=200)
@@ -38,6 +37,8 @@ class _Action(_Entry):
 
     result: dict[Annotated[str, _FIELD], str] = {}
     """Keys that fields of the result set: their names, or arguments that name them."""
+    ignore: list[str] = []  # arguments that are no fields
+    given: dict[str, dict[str, Any]] = {}  # fields to set for a leaf with an argument
 
 
 class ActionServer(_Action):
@@ -64,6 +65,11 @@ class ServiceCall(_Action):
     """Field of the response with the action's result; None: `success` if there is such a field,
     otherwise the action succeeds with any response."""
     timeout: _Seconds = 5.0  # s, including the wait for the service
+
+    @property
+    def server_timeout(self) -> float:
+        """Seconds without a service, or without an answer of it, until the action fails."""
+        return self.timeout
 
 
 class TopicKey(_Entry):
@@ -95,34 +101,38 @@ class WrittenKey(_Entry):
     initial: _Value
 
 
-class TopicCondition(TopicKey):
-    """A condition that holds while a field of the last message of a topic is true."""
+def _kind(*words: str) -> Discriminator:
+    """The class of an entry is that of the only one of these keys that it has."""
+    forms = " or ".join(f"`{word}: NAME`" for word in words)
 
-    default: bool | None = None  # before the first message
+    def tag_of(entry: Any) -> str | None:
+        found = [word for word in words if isinstance(entry, dict) and word in entry]
+        return found[0] if len(found) == 1 else None
 
-
-class ServiceCondition(ServiceKey):
-    """A condition that holds while a field of a service's response is true."""
-
-    default: bool | None = None  # before the first response
+    return Discriminator(tag_of, "kind", f"expected {forms}")
 
 
 class RobotMap(_Entry):
     """The whole file."""
 
     node: Annotated[str, Field(pattern=r"^[A-Za-z_][A-Za-z0-9_]*$", max_length=200)] = "islandgp"
-    actions: dict[str, ActionServer | ServiceCall]
-    keys: dict[str, TopicKey | ServiceKey | WrittenKey] = {}
-    conditions: dict[str, TopicCondition | ServiceCondition] = {}
-    """Leaves that succeed while the field is true."""
-
-
-_KINDS: Final[dict[str, dict[str, type[_Entry]]]] = {
-    "actions": {"action": ActionServer, "service": ServiceCall},
-    "keys": {"topic": TopicKey, "service": ServiceKey, "initial": WrittenKey},
-    "conditions": {"topic": TopicCondition, "service": ServiceCondition},
-}
-"""The class of an entry, by its distinguishing key."""
+    actions: dict[
+        str,
+        Annotated[
+            Annotated[ActionServer, Tag("action")] | Annotated[ServiceCall, Tag("service")],
+            _kind("action", "service"),
+        ],
+    ]
+    keys: dict[
+        str,
+        Annotated[
+            Annotated[TopicKey, Tag("topic")]
+            | Annotated[ServiceKey, Tag("service")]
+            | Annotated[WrittenKey, Tag("initial")],
+            _kind("topic", "service", "initial"),
+        ],
+    ] = {}
+    """A leaf of the tree with a key's name succeeds while the key is true."""
 
 
 class _Loader(yaml.SafeLoader):
@@ -144,12 +154,7 @@ class _Loader(yaml.SafeLoader):
 
 def read_map(file: Path) -> RobotMap:
     """The map in a YAML file. Raises ConfigError with a line for each error."""
-    text = read_text_file(file)
-    if len(text) > _MAX_CHARACTERS or re.search(r"(^|[\s:,\[{-])[&*][A-Za-z0-9_]", text):
-        raise ConfigError(
-            f"{file}: expected a short file without anchors (&name, *name); write each entry out"
-        )
-    loader = _Loader(text)
+    loader = _Loader(read_text_file(file))
     loader.name = str(file)
     try:
         plain = loader.get_single_data()
@@ -160,42 +165,15 @@ def read_map(file: Path) -> RobotMap:
         loader.dispose()
     if not isinstance(plain, dict):
         raise ConfigError(f"{file}: expected `actions:` and `keys:`, found {str(plain)[:40]!r}")
-    faults: list[str] = []
-    parts = {**plain}
-    for part, kinds in _KINDS.items():
-        if isinstance(entries := plain.get(part), dict):
-            parts[part] = {
-                name: _entry(f"{part}.{name}", entry, kinds, faults)
-                for name, entry in entries.items()
-            }
-    if not faults:
-        try:
-            return RobotMap.model_validate(parts)
-        except ValidationError as error:
-            faults += _lines("", error)
-    raise ConfigError("\n".join(f"{file}: {fault}" for fault in faults))
-
-
-def _entry(
-    place: str, entry: Any, kinds: dict[str, type[_Entry]], faults: list[str]
-) -> _Entry | None:
-    """Parses an entry by the key of its kind; errors are added to `faults`."""
-    matching = [kind for kind in kinds if isinstance(entry, dict) and kind in entry]
-    if len(matching) != 1:
-        forms = " or ".join(f"`{kind}: NAME`" for kind in kinds)
-        faults.append(f"{place}: expected {forms}, found {str(entry)[:60]!r}")
-        return None
     try:
-        return kinds[matching[0]].model_validate(entry)
+        return RobotMap.model_validate(plain)
     except ValidationError as error:
-        faults += _lines(f"{place}.", error)
-        return None
+        raise ConfigError("\n".join(f"{file}: {line}" for line in _lines(error))) from None
 
 
-def _lines(place: str, error: ValidationError) -> list[str]:
-    """A line for each error of pydantic's."""
-    return [
-        f"{place}{'.'.join(map(str, each['loc']))}: {each['msg'][0].lower()}{each['msg'][1:]},"
-        f" found {str(each['input'])[:60]!r}"
-        for each in error.errors(include_url=False, include_context=False)
-    ]
+def _lines(error: ValidationError) -> Iterator[str]:
+    """A line for each error of pydantic's, with the place in the file."""
+    for each in error.errors(include_url=False, include_context=False):
+        place = [*each["loc"][:2], *each["loc"][3:]]  # without the kind of the entry
+        reason = f"{each['msg'][0].lower()}{each['msg'][1:]}"
+        yield f"{'.'.join(map(str, place))}: {reason}, found {str(each['input'])[:60]!r}"

@@ -43,9 +43,9 @@ class LastMinute:
         self._tree, self._step_s = robot_tree.tree, step_s
         most = max(1, min(MAX_TICKS, round(MINUTE_S / step_s)))
         self._ticks: deque[tuple[bytes, tuple[float, ...]]] = deque(maxlen=most)
-        self.add(robot_tree, is_ticked=False)
+        self.add(robot_tree, False)
 
-    def add(self, robot_tree: RobotTree, *, is_ticked: bool) -> None:
+    def add(self, robot_tree: RobotTree, is_ticked: bool) -> None:
         """Adds the present state. Those of another tree are removed.
 
         `is_ticked`: False while the tree waits for the values of its keys.

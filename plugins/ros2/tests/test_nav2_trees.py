@@ -55,6 +55,34 @@ TREES = (
     BOUNDED,
 )
 REPLANS = (STOCK, "navigate_w_replanning_time")  # every second
+PATIENT = "navigate_to_pose_w_replanning_goal_patience_and_recovery"
+JOURNEYS: dict[str, tuple[str, list[float], tuple[str, ...]]] = {
+    "navigate_w_replanning_distance": (
+        "", [7], ("compute_path_to_pose 7", "follow_path 7", "compute_path_to_pose 7",
+        "follow_path replaced", "follow_path done"),
+    ),
+    "navigate_w_replanning_speed": (
+        "", [7], ("compute_path_to_pose 7", "follow_path 7", "compute_path_to_pose 7",
+        "follow_path replaced", "follow_path done"),
+    ),
+    PATIENT: (
+        "detour", [2], ("compute_path_to_pose 2", "follow_path 2", "follow_path cancelled",
+        "wait 5", "wait done", "follow_path 2", "follow_path done"),
+    ),
+    "navigate_through_poses_w_replanning_and_recovery": (
+        "", [0.3, 4, 7], ("compute_path_through_poses 4 7", "follow_path 7", "follow_path done"),
+    ),
+    "navigate_on_route_graph_w_recovery": (
+        "far", [7], ("compute_route 7", "compute_path_to_pose 1", "compute_path_to_pose 7",
+        "smooth_path 0 1 1 2 4 4 7", "follow_path 7", "follow_path done"),
+    ),
+    "navigate_w_routing_global_planning_and_control_w_recovery": (
+        "far", [7], ("compute_route 7", "compute_path_through_poses 4 7", "follow_path 7",
+        "follow_path done"),
+    ),
+    "odometry_calibration": ("", [7], ("drive_on_heading done", "spin done") * 4),
+}  # fmt: skip
+"""What the servers are told, the goals (m), and events in their order, by tree."""
 
 
 def build() -> Path:
@@ -121,19 +149,23 @@ class Robot(Bench):
         leaves = str(FOLDER.parent / "nav2" / "leaves.py")
         return self.node(tree, "--leaves", leaves, "--once")
 
-    def goal(self, x: float) -> None:
-        """Publishes a goal, latched."""
+    def goal(self, *places: float) -> None:
+        """Publishes a goal, or several as the goals of a journey, latched."""
         code = (
             "import sys, rclpy; from geometry_msgs.msg import PoseStamped; from rclpy.qos import *;"
-            "rclpy.init(); node = rclpy.create_node('goals'); goal = PoseStamped();"
+            "from nav_msgs.msg import Goals; rclpy.init(); node = rclpy.create_node('goals');"
             "keeps = QoSProfile(depth=1, durability=DurabilityPolicy.TRANSIENT_LOCAL);"
-            "publisher = node.create_publisher(PoseStamped, '/goal_pose', keeps)\n"
-            "for line in sys.stdin: goal.pose.position.x = float(line); publisher.publish(goal)"
+            "one = node.create_publisher(PoseStamped, '/goal_pose', keeps)\n"
+            "many = node.create_publisher(Goals, '/goal_poses', keeps)\n"
+            "for line in sys.stdin:\n"
+            "  goals = [PoseStamped() for _ in line.split()]\n"
+            "  for goal, x in zip(goals, line.split()): goal.pose.position.x = float(x)\n"
+            "  many.publish(Goals(goals=goals)) if len(goals) > 1 else one.publish(goals[0])\n"
         )
         if self._goals is None:
             self._goals = self.start("-c", code, output="goals")
         assert self._goals.stdin
-        self._goals.stdin.write(f"{x}\n".encode())
+        self._goals.stdin.write(f"{' '.join(map(str, places))}\n".encode())
         self._goals.stdin.flush()
 
     def happened(self) -> list[str]:
@@ -173,6 +205,18 @@ def test_plan_and_follow(robot: Robot, tree: str) -> None:
     happened = robot.happened()
     assert "follow_path cancelled" not in happened
     assert "follow_path replaced" in happened or tree not in REPLANS
+
+
+@pytest.mark.parametrize("tree", JOURNEYS)
+def test_other_trees(robot: Robot, tree: str) -> None:
+    """They plan by distance, by speed, through several poses and along routes; wait; measure."""
+    told, goals, events = JOURNEYS[tree]
+    robot.servers(**({told: [1]} if told else {}))
+    robot.goal(*goals)
+    node = robot.navigate(tree)
+    start = robot.until(lambda: bool(robot.happened()))
+    row(f"{tree}: to its end", robot.exit(node, 0) - start)
+    assert in_order(robot, *events), robot.happened()
 
 
 def test_a_new_goal_is_followed(robot: Robot) -> None:

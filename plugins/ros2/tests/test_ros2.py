@@ -113,8 +113,7 @@ class Robot:
 
     def close(self) -> None:
         """Ends the node."""
-        self.tree_node.stop()
-        self.spin(0.3)
+        self.tree_node.end(self.spin)
         self._ros.__exit__(None, None, None)
 
 

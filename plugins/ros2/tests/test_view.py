@@ -57,16 +57,16 @@ def test_the_last_minute(robot: RobotTree) -> None:
     minute = LastMinute(robot, 0.5)
     for _ in range(3):
         robot.tick()
-        minute.add(robot, is_ticked=True)
+        minute.add(robot, True)
     data = data_of(minute.page())
     assert [node["label"] for node in data["nodes"]][2:] == ["Dock", "Drive"]
     assert data["statuses"] == [".s3", ".f3", ".4", ".s3"]
     assert data["board"][0]["changes"] == [0, None, 1, 80.0]
     for _ in range(200):
-        minute.add(robot, is_ticked=True)
+        minute.add(robot, True)
     assert data_of(minute.page())["ticks"] == 120
     other = load_tree(robot.tree.name).bind({"Dock": succeed, "Drive": succeed, "battery": 80})
-    minute.add(other, is_ticked=False)
+    minute.add(other, False)
     assert data_of(minute.page())["ticks"] == 1
 
 
