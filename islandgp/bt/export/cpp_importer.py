@@ -98,6 +98,15 @@ it is inverted, too: it succeeds as long as there is a next element.
 """
 
 
+_DIFFERING: Final = {
+    **dict.fromkeys(("Delay", "Timeout", "Sleep", "RateController"), "clock"),
+    **dict.fromkeys(("AsyncSequence", "AsyncFallback"), "async"),
+    "SequenceWithMemory": "memory",
+    **dict.fromkeys(GATES, "gate"),
+}
+"""Tags whose nodes always differ."""
+
+
 class Difference(NamedTuple):
     """A difference with its first place in the file."""
 
@@ -147,7 +156,6 @@ class Importer:
     def __init__(
         self,
         readers: Mapping[str, Reader],
-        name: str,
         root: Element,
         vocabulary: Vocabulary,
         folder: Path | None,
@@ -159,8 +167,7 @@ class Importer:
         self.words = None if any_key else vocabulary  # of scripts
         self.used: list[Args] = []  # what has been read with keys
         self.differences: dict[str, Difference] = {}
-        self._name = name  # of the present file
-        self._trees = XmlTrees(root, name, folder)
+        self._trees = XmlTrees(root, folder)
         self._passed: dict[str, str] = {}  # texts and {entries} by the keys of the present tree
         self._done: dict[tuple[str, frozenset[tuple[str, str]]], Node] = {}
         self._names = {*RESERVED, *vocabulary.actions}  # of subtrees, and reserved ones
@@ -176,8 +183,7 @@ class Importer:
             identity = self.root.attributes.get("main_tree_to_execute", "")
             trees = self._trees.by_id
             if not identity and len(trees) > 1:
-                self.fail(
-                    self.root,
+                raise self.root.error(
                     "expected main_tree_to_execute, as there are several trees:"
                     f" {_listed(trees)}; add it, or choose one by --tree ID",
                 )
@@ -189,20 +195,17 @@ class Importer:
         key = identity, frozenset(self._passed.items())
         if key in self._done:
             return self._done[key]
-        found = self._trees.find(identity)
-        if found is None:
+        tree = self._trees.find(identity)
+        if tree is None:
             message = f"there is no <BehaviorTree ID={shown(identity)}>"
-            self.fail(user, f"{message}; there are {_listed(self._trees.by_id)}")
+            raise user.error(f"{message}; there are {_listed(self._trees.by_id)}")
         if identity in self._open:
-            self.fail(user, f"the tree {shown(identity)} contains itself")
-        tree, file = found
-        name, self._name = self._name, file
+            raise user.error(f"the tree {shown(identity)} contains itself")
         self._open.append(identity)
         node = commented(self.child(tree), notes_of(tree))
         self._open.pop()
-        self._name = name
         if any(islice(walk(node), MAX_NODES, None)):  # trees may double each other
-            raise user.error(_TOO_LARGE, name, LimitError)
+            raise user.error(_TOO_LARGE, LimitError)
         if self._open:  # it is used, not the tree that is asked for
             new_name = fresh_name(identity, self._names)
             self._names.add(new_name)
@@ -241,11 +244,13 @@ class Importer:
         tag, given = tag_of(element), dict(element.attributes)
         self._elements += 1
         if self._elements > 2 * MAX_NODES or len(self.above) >= MAX_LEVELS:
-            raise element.error(_TOO_LARGE, self._name, LimitError)
+            raise element.error(_TOO_LARGE, LimitError)
         is_action = tag in self.vocabulary.actions
         reader = self.readers.get(tag, self.readers["Action"] if is_action else _unknown)
         if tag == "Sleep" and is_action and "msec" not in given:  # one of the program
             reader = self.readers["Action"]
+        elif tag in _DIFFERING:
+            self.differs(element, _DIFFERING[tag])
         own = replace(element, attributes=given)
         before = [name for name in PRECONDITIONS if name in given]
         scripts = {name: given.pop(name) for name in (*before, *POSTCONDITIONS) if name in given}
@@ -253,12 +258,14 @@ class Importer:
         try:
             node = reader(self, own, tag)
         except ValueError as error:
-            self.fail(element, str(error))
+            raise element.error(str(error)) from None
         self.above.pop()
         for attribute in given:  # those that the reader did not take
             is_decoration = attribute in ("ID", *NOTES) or attribute[0] == "_"
             if attribute == "_onHalted" or not is_decoration:
-                self.fail(element, f"the language has no equivalent of {shown(attribute)} of {tag}")
+                raise element.error(
+                    f"the language has no equivalent of {shown(attribute)} of {tag}"
+                )
         if scripts:
             node = without_interrupts(node)
         for name in (*POSTCONDITIONS, *reversed(before)):
@@ -276,7 +283,7 @@ class Importer:
         if name in ("_skipIf", "_while"):
             parent = self.above[-1] if self.above else ""
             if parent.removeprefix("Reactive") not in _SKIP_IN:
-                self.fail(element, f"{shown(name)} is imported only in a Sequence or a Fallback")
+                raise element.error(f"{shown(name)} is imported only in a Sequence or a Fallback")
             self.differs(element, "skipped")
             status = "failure" if parent.endswith("Fallback") else "success"
         if code in ("true", "false"):
@@ -302,7 +309,7 @@ class Importer:
         if not fewest <= len(element.children) <= most:
             expected = _CHILDREN.get(children, "children")
             found = len(element.children)
-            self.fail(element, f"expected {expected} in <{element.tag}>, found {found}")
+            raise element.error(f"expected {expected} in <{element.tag}>, found {found}")
         return tuple(map(self.node, element.children))
 
     def child(self, element: Element) -> Node:
@@ -333,7 +340,7 @@ class Importer:
         try:
             return reader(_IN_SCRIPT.sub(passed, code.replace('"', "'")), self.words)
         except ValueError as error:
-            self.fail(element, str(error))
+            raise element.error(str(error)) from None
 
     def resolved(self, text: str) -> str:
         """The text of a port, `{key}` of the blackboard, or a text that is passed for a key."""
@@ -345,10 +352,6 @@ class Importer:
     def differs(self, element: Element, about: str) -> None:
         """Notes a difference of DIFFERENCES."""
         self.differences.setdefault(about, Difference(element.line, element.column, about))
-
-    def fail(self, element: Element, message: str) -> NoReturn:
-        """Raises TreeError with the place of an element."""
-        raise element.error(message, self._name)
 
 
 def literal(text: str) -> str:
@@ -378,7 +381,7 @@ def _unknown(importer: Importer, element: Element, tag: str) -> NoReturn:
     tags = [*importer.readers, *importer.vocabulary.actions]
     guess = closest(tag, tags)
     hint = f"did you mean {guess}?" if guess else f"known nodes: {', '.join(tags)}"
-    importer.fail(element, f"the language has no node {shown(tag)}; {hint}")
+    raise element.error(f"the language has no node {shown(tag)}; {hint}")
 
 
 Reader: TypeAlias = Callable[[Importer, Element, str], Node]

@@ -133,7 +133,7 @@ def _args_in(tree: str, leaves: Vocabulary, name: str, folder: Path | None) -> l
     """The arguments in a tree, which is in the tree language, in XML or in JSON."""
     start = tree.lstrip("\ufeff \t\r\n")[:1]
     if start == "<":
-        return args_of(read_xml(tree, name=name), leaves, name, folder)
+        return args_of(read_xml(tree, name=name), leaves, folder)
     is_json = start in ("{", "[")
     root = from_json(tree, name=name) if is_json else parse(tree, name=name, folder=folder)
     return [node.args for node in walk(root)]

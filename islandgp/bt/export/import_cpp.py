@@ -63,6 +63,7 @@ _NUMBER: Final = re.compile(r"[0-9]{1,9}(\.[0-9]{1,20})?")
 CLOCKED: Final = {"Sleep": "msec", "Delay": "delay_msec", "Timeout": "msec", "RateController": "hz"}
 """The ports of nodes that measure time by the computer's clock."""
 NO_ELSE: Final = "no else"  # name of an AlwaysFailure in place of a third child
+_DEFAULTS: Final = {"number_of_retries": "1"}  # of a RecoveryNode
 _FLAGS: Final = {"true": "yes", "1": "yes", "false": "no", "0": "no"}
 
 
@@ -96,7 +97,7 @@ def read_tree(
             place.
         LimitError: the tree is larger than any limit on trees could allow.
     """
-    importer = Importer(READERS, name, read_xml(text, name=name), vocabulary, folder)
+    importer = Importer(READERS, read_xml(text, name=name), vocabulary, folder)
     root = importer.tree(tree)
     # The text of the tree is parsed, as only the parser checks a whole tree.
     tree_text = with_subtrees(commented(root, notes_of(importer.root)))
@@ -104,9 +105,7 @@ def read_tree(
     return Imported(checked, tuple(sorted(importer.differences.values())), tree_text)
 
 
-def args_of(
-    root: Element, leaves: Vocabulary, name: str = "<xml>", folder: Path | None = None
-) -> list[Args]:
+def args_of(root: Element, leaves: Vocabulary, folder: Path | None = None) -> list[Args]:
     """What the trees of a file ask of keys whose types are not known, and set them to.
 
     A tree that cannot be read counts up to its error. Arguments as in `read_tree`.
@@ -114,7 +113,7 @@ def args_of(
     used: list[Args] = []
     for tree in root.children:
         if tree.tag == "BehaviorTree":
-            importer = Importer(READERS, name, root, leaves, folder, any_key=True)
+            importer = Importer(READERS, root, leaves, folder, any_key=True)
             with suppress(TreeError):
                 importer.tree(tree.attributes.get("ID", ""))
             used += importer.used
@@ -129,8 +128,6 @@ def _composite(importer: Importer, element: Element, tag: str) -> Node:
     base = "selector" if tag.endswith("Fallback") else "sequence"
     reactive = tag.startswith("Reactive")
     kind = f"reactive_{base}" if reactive else base
-    if tag.startswith("Async"):
-        importer.differs(element, "async")
     front = [*takewhile(is_check, element.children[:-1])] if base == "sequence" else []
     del front[MAX_TERMS:]
     tests = [importer.condition(each, each.attributes.get("code", "")) for each in front]
@@ -156,7 +153,8 @@ def _by_ports(importer: Importer, element: Element, tag: str) -> Node:
 
 def _value(importer: Importer, element: Element, port: str, argument: Argument) -> Any:
     """The value of an argument: a condition, a word, a number or a key."""
-    text = importer.resolved(element.attributes.pop(port, argument.default or ""))
+    default = argument.default or _DEFAULTS.get(port, "")
+    text = importer.resolved(element.attributes.pop(port, default))
     if argument.sort is Sort.CONDITION:
         return importer.read(element, read_when, text)
     if text in argument.words:
@@ -177,11 +175,6 @@ def _number(text: str, port: str, low: float, high: float) -> float:
     if not low <= number <= high:
         raise ValueError(f"expected {port} from {low:.6g} to {high:,}, found {shown(text)}")
     return number
-
-
-def _with_memory(importer: Importer, element: Element, _: str) -> Node:
-    importer.differs(element, "memory")
-    return Node("sequence", (), importer.nodes(element))
 
 
 def _round_robin(importer: Importer, element: Element, _: str) -> Node:
@@ -219,14 +212,8 @@ def _repeat(importer: Importer, element: Element, tag: str) -> Node:
     return Node(kind, (), (importer.child(element),))
 
 
-def _recovery(importer: Importer, element: Element, tag: str) -> Node:
-    element.attributes.setdefault("number_of_retries", "1")
-    return _by_ports(importer, element, tag)
-
-
 def _clocked(importer: Importer, element: Element, tag: str) -> Node:
     """A node that measures time by the computer's clock."""
-    importer.differs(element, "clock")
     port, given, (least, most) = CLOCKED[tag], element.attributes, SECONDS
     if tag == "RateController":
         if importer.above[-2:-1] != ["PipelineSequence"]:
@@ -281,7 +268,7 @@ def _while_else(importer: Importer, element: Element, tag: str) -> Node:
     conditions = (importer.vocabulary.action(n.action).condition for n in walk(test) if n.action)
     inner = {node.kind for node in walk(test)} - {"action", "sequence", "selector", "inverter"}
     if inner or not all(conditions):
-        importer.fail(first, f"expected a condition as the first child of {tag}")
+        raise first.error(f"expected a condition as the first child of {tag}")
     importer.differs(element, "order")
     if len(nodes) == 1:
         return Node("reactive_sequence", (), (test, nodes[0]))
@@ -358,7 +345,6 @@ def _action(importer: Importer, element: Element, tag: str) -> Node:
 def _gate(importer: Importer, element: Element, tag: str) -> Node:
     if tag not in importer.vocabulary.actions:
         raise ValueError(f"expected the node {tag} in the vocabulary, as a leaf")
-    importer.differs(element, "gate")
     leaf = _action(importer, replace(element, children=[]), tag)
     kind, child = GATES[tag], importer.child(element)
     if kind == "inverter":
@@ -384,10 +370,9 @@ READERS: Final[Mapping[str, Reader]] = {
     "KeepRunningUntilFailure": _loop,
     "Repeat": _repeat,
     "RetryUntilSuccessful": _repeat,
-    "RecoveryNode": _recovery,
     "RoundRobin": _round_robin,
     "IfThenElse": _if_else,
-    "SequenceWithMemory": _with_memory,
+    "SequenceWithMemory": _composite,
     "Parallel": _parallel,
     "ParallelAll": _parallel,
     "Script": _set,

@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from itertools import islice
 from pathlib import Path
-from typing import Final, NamedTuple
+from typing import Final
 from xml.parsers import expat
 
 from islandgp.bt.core.includes import MAX_FILES, included_path
@@ -24,14 +24,15 @@ class Element:
 
     tag: str
     attributes: dict[str, str]
+    file: str  # its name in messages
     line: int  # from 1
     column: int
     children: list[Element] = field(default_factory=list)
     comments: tuple[str, ...] = ()  # and texts, before it and after its last child
 
-    def error(self, message: str, file: str, kind: type[TreeError] = TreeError) -> TreeError:
-        """The error for an element of a file, with its place."""
-        place = f"{file}:{self.line}:{self.column}"
+    def error(self, message: str, kind: type[TreeError] = TreeError) -> TreeError:
+        """The error for an element, with its place."""
+        place = f"{self.file}:{self.line}:{self.column}"
         return kind(f"{place}: {message}", line=self.line, column=self.column)
 
 
@@ -49,12 +50,12 @@ def read_xml(text: str, *, name: str) -> Element:
 
     def here(tag: str, attributes: dict[str, str]) -> Element:
         line, column = parser.CurrentLineNumber, parser.CurrentColumnNumber + 1
-        return Element(tag, attributes, line, column, comments=(*comments,))
+        return Element(tag, attributes, name, line, column, comments=(*comments,))
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         element = here(tag, attributes)
         if len(open_elements) >= DEEPEST:
-            raise element.error(f"expected at most {DEEPEST} nested elements", name)
+            raise element.error(f"expected at most {DEEPEST} nested elements")
         comments.clear()
         (open_elements[-1].children if open_elements else roots).append(element)
         open_elements.append(element)
@@ -67,7 +68,7 @@ def read_xml(text: str, *, name: str) -> Element:
         comments.extend(filter(None, [text.strip()]))
 
     def doctype(*_: object) -> None:
-        raise here("", {}).error("expected no document type", name)
+        raise here("", {}).error("expected no document type")
 
     parser.buffer_text = True
     parser.StartElementHandler = start
@@ -83,38 +84,30 @@ def read_xml(text: str, *, name: str) -> Element:
         reason, line, column = "it is not UTF-8 text", text.count("\n", 0, error.start) + 1, 1
     else:
         return roots[0]
-    raise Element("", {}, line, column).error(f"not XML: {reason}", name)
-
-
-class XmlTree(NamedTuple):
-    """A `<BehaviorTree>`."""
-
-    element: Element
-    file: str  # its name in messages
+    raise Element("", {}, name, line, column).error(f"not XML: {reason}")
 
 
 class XmlTrees:
     """The trees of a file, of those that it includes, and of others in its folder, by ID."""
 
-    def __init__(self, main: Element, name: str, folder: Path | None) -> None:
+    def __init__(self, main: Element, folder: Path | None) -> None:
         """Reads the files.
 
         Args:
             main: the root of the file.
-            name: of the file, in messages.
             folder: of the file; included files are there or below. None: includes are errors.
 
         Raises:
             TreeError: a file has another format, cannot be read, or defines an ID again.
         """
-        self.by_id: dict[str, XmlTree] = {}
+        self.by_id: dict[str, Element] = {}
         self._folder = folder
-        self._read = set() if folder is None else {(folder / Path(name).name).resolve()}
-        self._add(main, name, folder)
+        self._read = set() if folder is None else {(folder / Path(main.file).name).resolve()}
+        self._add(main, folder)
         if not self.by_id:
-            raise main.error("expected <root> with a <BehaviorTree>, found none", name)
+            raise main.error("expected <root> with a <BehaviorTree>, found none")
 
-    def find(self, identity: str) -> XmlTree | None:
+    def find(self, identity: str) -> Element | None:
         """The tree of an ID, also if it is in a file beside the main one that is not included."""
         if identity not in self.by_id and self._folder is not None:
             for path in islice(sorted(self._folder.glob("*.xml")), MAX_SIBLINGS):
@@ -124,33 +117,29 @@ class XmlTrees:
                         continue
                     for element in read_xml(text, name=path.name).children:
                         if element.tag == "BehaviorTree" and element.attributes.get("ID"):
-                            tree = XmlTree(element, path.name)
-                            self.by_id.setdefault(element.attributes["ID"], tree)
+                            self.by_id.setdefault(element.attributes["ID"], element)
         return self.by_id.get(identity)
 
-    def _add(self, root: Element, file: str, beside: Path | None) -> None:
+    def _add(self, root: Element, beside: Path | None) -> None:
         """Adds the trees of a file in the folder `beside`, and of those that it includes."""
         version = root.attributes.get("BTCPP_format", "3")
         if root.tag != "root" or version not in ("3", "4"):
             raise root.error(
                 'expected <root BTCPP_format="4">, found'
-                f" <{shown(root.tag)}> of version {shown(version)}",
-                file,
+                f" <{shown(root.tag)}> of version {shown(version)}"
             )
         for element in root.children:
             if element.tag == "include":
-                self._include(element, file, beside)
+                self._include(element, beside)
             elif element.tag == "BehaviorTree":
                 identity = element.attributes.get("ID", "")
                 if identity in self.by_id:
-                    message = f"the tree {shown(identity)} is defined twice; rename one"
-                    raise element.error(message, file)
-                self.by_id[identity] = XmlTree(element, file)
+                    raise element.error(f"the tree {shown(identity)} is defined twice; rename one")
+                self.by_id[identity] = element
             elif element.tag != "TreeNodesModel":
-                tag = shown(element.tag)
-                raise element.error(f"expected a <BehaviorTree>, found <{tag}>", file)
+                raise element.error(f"expected a <BehaviorTree>, found <{shown(element.tag)}>")
 
-    def _include(self, element: Element, file: str, beside: Path | None) -> None:
+    def _include(self, element: Element, beside: Path | None) -> None:
         """Adds the trees of the file that an <include> names, unless they are known."""
         attribute = element.attributes.get("path", "")
         path = included_path(attribute, self._folder, beside) if self._folder and beside else None
@@ -163,12 +152,11 @@ class XmlTrees:
         if not (text and path and self._folder):
             raise element.error(
                 f"expected the path of a text in the folder of the tree or below, one of at most"
-                f" {MAX_FILES}, found {shown(attribute)}",
-                file,
+                f" {MAX_FILES}, found {shown(attribute)}"
             )
         self._read.add(path)
         name = str(path.relative_to(self._folder.resolve()))
-        self._add(read_xml(text, name=name), name, path.parent)
+        self._add(read_xml(text, name=name), path.parent)
 
 
 def _text_of(path: Path) -> str:

@@ -11,7 +11,6 @@ from __future__ import annotations
 import shutil
 import subprocess
 import sys
-import tarfile
 import tempfile
 from pathlib import Path
 
@@ -33,8 +32,8 @@ def build(folder: Path) -> None:
             "behaviortreepy",
         ]
         subprocess.run([*pip, "-d", place, PACKAGE], check=True)
-        with tarfile.open(next(download_folder.glob("*.tar.gz"))) as archive:
-            archive.extractall(download_folder, filter="data")
+        archive = next(download_folder.glob("*.tar.gz"))
+        subprocess.run(["cmake", "-E", "tar", "xf", archive], cwd=place, check=True)
         sources = next(download_folder.glob("*/BehaviorTree.CPP"))
         options = [*(f"-DBTCPP_{name}=OFF" for name in OFF), "-DBUILD_TESTING=OFF"]
         build_folder = download_folder / "made"
