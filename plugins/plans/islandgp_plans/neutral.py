@@ -11,8 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from islandgp.bt.core.compiler import Tick
-from islandgp.bt.core.engine import compile_tree
+from islandgp.bt.core.engine import Tick, compile_tree
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, ActionArgs, Node
 from islandgp.bt.core.printer import head
 from islandgp.bt.core.vocabulary import Vocabulary
