@@ -23,7 +23,6 @@ import yaml
 
 from islandgp.atomic_files import damaged, reading
 from islandgp.errors import RunError
-from islandgp.records.archive_file import read_archive
 from islandgp.records.folder import RunFolder, run_folders
 from islandgp.records.parameters import flatten
 from islandgp.records.sweep import arm_of, job_of
@@ -75,7 +74,7 @@ class Results:
         for folder in self.folders:
             if not folder.finished():
                 continue
-            archive, _ = read_archive(folder.path)
+            archive = folder.archive()
             for e in archive.elites:
                 cell = zip(archive.cells.items(), e.cell, strict=True)
                 yield {

@@ -104,7 +104,7 @@ def _write(folder: RunFolder) -> tuple[Status, float]:
 
     status, began = folder.status(), monotonic()
     if status is Status.FINISHED:
-        folder.must_be_sound(page=False)
+        folder.must_be_sound()
     write_page(folder, status)
     return status, monotonic() - began
 

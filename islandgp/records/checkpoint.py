@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 
@@ -16,9 +15,8 @@ from islandgp.atomic_files import damaged, reading, write_atomic
 from islandgp.errors import RunError
 from islandgp.gate import opened, read_bytes
 from islandgp.gp.record import RunState
-from islandgp.plain import from_json, from_plain, read_json, to_json
+from islandgp.plain import from_json, read_json, to_json
 from islandgp.records.files import Lines, dump
-from islandgp.scoring.generation_stats import GenerationStats
 
 
 def save_state(path: Path, state: RunState, *, records: str = "") -> None:
@@ -60,41 +58,24 @@ def generation_of(checkpoint: Path) -> int:
     return int(head[1]) if head else 0
 
 
-def restored_state(
-    checkpoint: Path, generations: Lines, warn: Callable[[str], None]
-) -> RunState | None:
-    """The state in a checkpoint with its history; None if the run starts at generation 0.
+def recorded(checkpoint: Path, generations: Lines) -> tuple[RunState | None, list[bytes]]:
+    """The state in a checkpoint, without its history, and the records before it.
 
-    `warn` is called with one line if the run starts again although it has a record.
+    None: there is no checkpoint, so the run starts at generation 0.
 
     Raises:
         RunError: the checkpoint or a record before it is damaged or missing.
     """
     if not checkpoint.exists():
-        if must_be_new(checkpoint, generations):
-            warn(f"There is no {checkpoint}: the run restarts at generation 0.")
-        return None
+        if (n := sum(1 for _ in generations.whole())) > 1:
+            raise RunError(
+                f"Expected a checkpoint beside {n} generations in {checkpoint}, found none;"
+                " restore it, or use resume=never for a new folder beside this one."
+            )
+        return None, []
     state, expected = read_checkpoint(checkpoint)
-    lines = must_be_recorded(state.generation, expected, generations)
-    records = (generations.value(line, i) for i, line in enumerate(lines))
-    history = tuple(from_plain(GenerationStats, record["snapshot"]) for record in records)
-    return replace(state, history=history)
-
-
-def must_be_new(checkpoint: Path, generations: Lines) -> int:
-    """The number of records. Raises RunError if there are several but no checkpoint."""
-    if (n := sum(1 for _ in generations.whole())) > 1:
-        raise RunError(
-            f"Expected a checkpoint beside {n} generations in {checkpoint}, found none;"
-            " restore it, or use resume=never for a new folder beside this one."
-        )
-    return n
-
-
-def must_be_recorded(n: int, expected: str, generations: Lines) -> list[bytes]:
-    """The first `n` records. Raises RunError if there are fewer, or their digest is another."""
-    lines = generations.head(n)
+    lines = generations.head(state.generation)
     if lines and hashlib.sha256(b"".join(lines)).hexdigest() != expected:
-        reason = f"a record before generation {n} differs from its checksum"
+        reason = f"a record before generation {len(lines)} differs from its checksum"
         raise damaged(generations.description, generations.path, reason)
-    return lines
+    return state, lines

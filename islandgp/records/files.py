@@ -5,12 +5,11 @@ from __future__ import annotations
 import csv
 import json
 import os
-from collections.abc import Callable, Iterable, Iterator, Mapping
-from dataclasses import asdict, dataclass
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import dataclass
 from io import StringIO
 from itertools import islice
 from pathlib import Path
-from time import time
 from typing import Annotated, Any, Final
 
 from pydantic import Field
@@ -195,22 +194,6 @@ def generation_lines(folder: Path) -> Lines:
 def cost_lines(folder: Path) -> Lines:
     """The file of the costs of a run's generations."""
     return Lines(folder / "costs.jsonl", "costs of generations", TimedCost)
-
-
-def mend_costs(costs: Lines, done: int, warn: Callable[[str], None]) -> None:
-    """Keeps the costs of `done` generations; damaged or missing ones become 0, with a warning."""
-    lines, lost = list(islice(costs.whole(), done)), max(0, done - sum(1 for _ in costs.whole()))
-    nothing = {**asdict(Cost(0.0, 0.0, 0.0, 0, 0)), "at": int(1000 * time())}
-    lines += [b""] * lost
-    for i, line in enumerate(lines):
-        try:
-            costs.value(line, i)
-        except RunError:
-            lost += bool(line)
-            lines[i] = dump(nothing).encode() + b"\n"
-    if lost:
-        warn(f"{costs.path}: the costs of {lost} generations are lost.")
-    write_atomic(costs.path, b"".join(lines))
 
 
 LINEAGE: Final = ("id", "origin", "parents", "mutation", "fitness", "specialist", "tiers")

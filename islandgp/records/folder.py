@@ -8,10 +8,10 @@ from __future__ import annotations
 import hashlib
 import json
 import traceback
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import suppress
 from copy import deepcopy
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from enum import StrEnum
 from functools import lru_cache
 from pathlib import Path
@@ -29,16 +29,10 @@ from islandgp.plain import from_json, from_plain, validate_json
 from islandgp.records import files, manifest
 from islandgp.records.archive_file import NAME as ARCHIVE
 from islandgp.records.archive_file import ArchiveFile
-from islandgp.records.checkpoint import (
-    generation_of,
-    must_be_new,
-    must_be_recorded,
-    read_checkpoint,
-    restored_state,
-    save_state,
-)
+from islandgp.records.checkpoint import generation_of, recorded, save_state
 from islandgp.records.files import LONG, RunMetadata, RunSummary, pretty
 from islandgp.records.parameters import without_credentials
+from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.text import in_its_domain
 
 
@@ -137,6 +131,10 @@ class RunFolder:
             return Status.RUNNING
         return Status.FAILED if self.error() else Status.KILLED
 
+    def must_be_sound(self) -> None:
+        """Raises RunError if a file of a finished run was changed or is missing."""
+        manifest.must_be_sound(self.path)
+
     def about(self) -> RunMetadata | None:
         """The content of about.json; None if there is none. Raises RunError if damaged."""
         file = self._as_written("about.json")
@@ -175,23 +173,8 @@ class RunFolder:
         check_folder(self.path)
         has_end = (self.path / manifest.NAME).exists() and not self._checkpoint.exists()
         if has_end or self.finished():
-            manifest.must_be_as_written(self.path, name)
+            manifest.must_be_sound(self.path, name)
         return self.path / name
-
-    def must_be_sound(self, *, page: bool = True) -> None:
-        """Raises RunError if a file of a finished run was changed or is missing.
-
-        Files that can be made again may be missing, and further files are allowed. `page`: check
-        the run's page as well.
-        """
-        damage = {
-            name: what
-            for name, what in manifest.damaged_files(self.path).items()
-            if what != manifest.ADDED
-            and not (what == manifest.MISSING and name in manifest.RESTORABLE)
-            and (page or name != files.PAGE)
-        }
-        manifest.refuse(self.path, damage)
 
     def verified(self) -> str:
         """The run in a few words, once its files or, before its end, its records are checked.
@@ -201,25 +184,19 @@ class RunFolder:
         """
         check_folder(self.path)
         if self.finished() and (damage := manifest.damaged_files(self.path)):
-            raise RunError("; ".join(manifest.in_words(*each) for each in damage.items()))
+            raise RunError("; ".join(f"{name}: {what}" for name, what in damage.items()))
         self.configuration()
         if not self.about():
             raise RunError("about.json: missing")
-        generations = self.completed_generations()
-        if self.finished():
-            return f"{generations} generations, finished"
-        for _ in self.records():
+        for _ in zip(self.records(), self.costs(), strict=False):
             pass
-        if sum(1 for _ in self._costs.whole()) < generations:
-            raise RunError("costs.jsonl: times are missing; the run continues without them")
-        if generations and not (self.path / "best.bt").exists():
-            raise RunError("best.bt: it is missing; the run's command restores it")
-        return f"{generations} generations, unfinished"
+        end = "finished" if self.finished() else "unfinished"
+        return f"{self.completed_generations()} generations, {end}"
 
-    def resume(self, warn: Callable[[str], None] = lambda _: None) -> RunState | None:
+    def resume(self) -> RunState | None:
         """The state to continue from; None: the run starts at generation 0.
 
-        Records after the checkpoint are cut off. `warn` is called with one line for what is lost.
+        Records after the checkpoint are cut off.
 
         Raises:
             RunError: the run is finished, the checkpoint or a record before it is damaged or
@@ -231,33 +208,15 @@ class RunFolder:
                 " for a new folder beside it."
             )
         with usable(self.path):
-            state = restored_state(self._checkpoint, self._generations, warn)
-            done = state.generation if state else 0
-            self._digest = hashlib.sha256(self._generations.cut(done))
-            files.mend_costs(self._costs, done, warn)
-            if state is not None and state.champion is not None:
+            state, lines = recorded(self._checkpoint, self._generations)
+            self._digest = hashlib.sha256(self._generations.cut(len(lines)))
+            self._costs.cut(len(lines))
+            if state is None:
+                return None
+            if state.champion is not None:
                 self._restore_best(state.champion.record.tree)
-        return state
-
-    def restore(self) -> None:
-        """Writes missing files of a finished run that can be made from others."""
-        with usable(self.path):
-            self._write_derived(self.summary(), self.records, again=False)
-
-    def _write_derived(
-        self, summary: Mapping[str, Any], records: Callable[[], Iterable[Any]], *, again: bool
-    ) -> None:
-        """Writes the files that are made from others; `again`: also those that exist."""
-        champion = summary["champion"]
-        contents: dict[str, Callable[[], bytes]] = {
-            "best.bt": lambda: self.best_text(champion["text"]).encode(),
-            "lineage.csv": lambda: files.lineage_table(records()),
-        }
-        if champion["tree"] != champion["record"]["tree"]:
-            contents[LONG] = lambda: self.best_text(champion["record"]["tree"]).encode()
-        for name, content in contents.items():
-            if again or not (self.path / name).exists():
-                write_atomic(self.path / name, content())
+            history = (from_plain(GenerationStats, r["snapshot"]) for r in self._generations.read())
+            return replace(state, history=tuple(history))
 
     def best_text(self, tree: str) -> str:
         """The content of best.bt for a tree: its domain and its canonical text."""
@@ -308,10 +267,17 @@ class RunFolder:
                     " another program; restore them, or use resume=never for a new folder beside"
                     " this one."
                 )
-            if archive is not None:
-                write_atomic(self.path / ARCHIVE, archive.to_bytes())
             # As they are what this run wrote, they need no other check.
-            self._write_derived(summary, lambda: map(json.loads, present.splitlines()), again=True)
+            records = map(json.loads, present.splitlines())
+            champion, tree = summary["champion"], summary["champion"]["record"]["tree"]
+            contents = {
+                "best.bt": self.best_text(champion["text"]).encode(),
+                "lineage.csv": files.lineage_table(records),
+                **({} if champion["tree"] == tree else {LONG: self.best_text(tree).encode()}),
+                **({} if archive is None else {ARCHIVE: archive.to_bytes()}),
+            }
+            for name, content in contents.items():
+                write_atomic(self.path / name, content)
             end = pretty(summary)
             manifest.write_manifest(self.path, end)
             write_atomic(self.path / "summary.json", end)
@@ -325,21 +291,12 @@ class RunFolder:
         """
         self._as_written(self._generations.path.name)
         if not self.finished():
-            must_be_recorded(*self.last_record(), self._generations)
+            try:
+                recorded(self._checkpoint, self._generations)
+            except (RunError, FileNotFoundError):
+                if not self.finished():  # else it has ended meanwhile
+                    raise
         return self._generations.read(first)
-
-    def last_record(self) -> tuple[int, str]:
-        """Number and digest of the records before the checkpoint of an unfinished run.
-
-        Raises:
-            RunError: the checkpoint is damaged, or missing.
-        """
-        with suppress(FileNotFoundError):
-            state, expected = read_checkpoint(self._checkpoint)
-            return state.generation, expected
-        if not self.finished():
-            must_be_new(self._checkpoint, self._generations)
-        return 0, ""
 
     def generations(self) -> Iterator[GenerationRecord]:
         """`records` as GenerationRecord objects. Raises RunError."""
@@ -349,6 +306,17 @@ class RunFolder:
         """Costs of the generations from `first` on; `at` is ms since 1970."""
         self._as_written(self._costs.path.name)
         return self._costs.read(first)
+
+    def archive(self) -> ArchiveFile:
+        """The content of archive.json. Raises RunError if it is missing or damaged."""
+        file = self._as_written(ARCHIVE)
+        if not file.exists():
+            raise RunError(
+                f"Expected the archive of a finished run in {file}, found none; give the folder of"
+                " a run that has ended."
+            )
+        with reading("an archive", file, "give the archive of another run"):
+            return ArchiveFile.of(read_bytes(file))
 
     def summary(self) -> dict[str, Any]:
         """The content of summary.json. Raises RunError if it is missing or damaged."""

@@ -19,7 +19,8 @@ from islandgp.errors import ConfigError, TreeError, brief
 from islandgp.evaluation.base import Cached, Evaluator
 from islandgp.gp.plan import RUN_READS, Plan, declared, is_read, must_be_declared
 from islandgp.plugin import path_of, plugin_errors
-from islandgp.records.archive_file import best_first, read_archive
+from islandgp.records.archive_file import best_first
+from islandgp.records.folder import RunFolder
 from islandgp.search.base import Search, SearchContext
 from islandgp.supervision.base import RunContext, Supervisor
 from islandgp.supervision.library import Library, library_folder, read_library
@@ -41,7 +42,7 @@ def start_trees(
     """Read the tree of a file, or the best usable trees of an archive.
 
     Args:
-        start: a file of a tree, a run's folder, or its archive.json.
+        start: a file of a tree, or the folder of a finished run.
         vocabulary: of this run's domain.
         limits: of this run's trees.
         most: maximum number of trees, >= 1.
@@ -71,7 +72,7 @@ def start_trees(
     if start.endswith(TREE_FILE):
         add(_tree_of(start, vocabulary))
     else:
-        archive, _ = read_archive(Path(start))
+        archive = RunFolder(Path(start)).archive()
         if archive.domain != vocabulary.domain:
             raise ConfigError(
                 f"start={start}: expected an archive of the domain {vocabulary.domain}, found one"
@@ -99,8 +100,10 @@ def start_trees(
 def start_digest(start: str) -> str:
     """A digest of the content of `start`. Raises as `start_trees`."""
     if start.endswith(TREE_FILE):
-        return hashlib.sha256(to_text(_tree_of(start)).encode()).hexdigest()[:12]
-    return read_archive(Path(start))[1]
+        content = to_text(_tree_of(start)).encode()
+    else:
+        content = RunFolder(Path(start)).archive().to_bytes()
+    return hashlib.sha256(content).hexdigest()[:12]
 
 
 def _tree_of(start: str, vocabulary: Vocabulary | None = None) -> Node:

@@ -142,8 +142,7 @@ def _complete(target: RunFolder, tracker: Tracker, settings: Settings) -> RunRes
     Raises:
         RunError: a file of the run is damaged.
     """
-    target.must_be_sound(page=False)
-    target.restore()
+    target.must_be_sound()
     _write_page(settings, target, Status.FINISHED)
     tracker.start(target)
     where = tracker.finish(Status.FINISHED)
@@ -186,7 +185,7 @@ def _evolve(
             line = supervisor.start()
         if line:
             print(line, file=sys.stderr)
-    start = target.resume(_warn)
+    start = target.resume()
     done = 0 if start is None else start.generation
     if on_generation is not None:
         for record in islice(target.generations(), done):

@@ -10,7 +10,6 @@ import logging
 import os
 import re
 from collections.abc import Iterable, Mapping
-from contextlib import suppress
 from dataclasses import dataclass, field
 from errno import ENOSPC
 from getpass import getuser
@@ -24,7 +23,8 @@ from pydantic import BaseModel, Field, field_validator
 
 from islandgp.atomic_files import must_take_files
 from islandgp.errors import TrackingError
-from islandgp.tracking.sqlite_paths import check_artifacts, check_experiment, location
+from islandgp.gate import check_folder
+from islandgp.tracking.sqlite_paths import keep_artifacts, location
 
 if TYPE_CHECKING:
     from mlflow.entities import Metric, Run
@@ -112,18 +112,18 @@ class TrackingStore:
 
     @property
     def address(self) -> str:
-        """The address for MLflow, which takes ? and % for parts of an address."""
-        return self.uri if self.file is None else f"{SQLITE}{quote(str(self.file), safe=UNQUOTED)}"
+        """The address for MLflow, which takes ? and % for parts of an address.
 
-    def remove_stray_folder(self) -> None:
-        """Removes the empty folder that MLflow makes for a quoted address with ?, % or #."""
-        stray = Path(self.address.removeprefix(SQLITE)).parent
-        if self.file is not None and stray != self.file.parent:
-            for folder in (stray, *stray.parents):
-                if folder in self.file.parents:
-                    break
-                with suppress(OSError):  # it is not there, or not empty
-                    folder.rmdir()
+        With the name of the driver, as MLflow makes a folder of the quoted name without it.
+        """
+        if self.file is None:
+            return self.uri
+        return f"sqlite+pysqlite:///{quote(str(self.file), safe=UNQUOTED)}"
+
+    def keep_artifacts(self) -> None:
+        """Sets the place of this package's artifacts in a SQLite file. Raises TrackingError."""
+        if self.file is not None and self.artifacts is not None:
+            keep_artifacts(self.file, Path(self.artifacts), KEY)
 
 
 UNQUOTED: Final = "".join(chr(n) for n in range(32, 127) if chr(n) not in "?%#")
@@ -156,7 +156,6 @@ class Store:
         self.place = place
         self.client = _client(place)
         self.experiment = self._experiment()
-        place.remove_stray_folder()
 
     def _experiment(self) -> str:
         from mlflow.exceptions import MlflowException
@@ -190,6 +189,7 @@ class Store:
         run = self.client.create_run(
             self.experiment, start_time=started, tags={**tags, **standard_tags}, run_name=name
         )
+        self.place.keep_artifacts()
         return str(run.info.run_id)
 
     def log_parameters(self, run: str, pairs: Iterable[tuple[str, str]]) -> None:
@@ -214,8 +214,10 @@ class Store:
             return len(run.data.metrics), len(run.data.params), run.info.run_id
 
         run, *others = sorted(runs, key=fullness, reverse=True)
-        if self.place.file is not None:
-            check_artifacts(run.info.artifact_uri)
+        if self.place.artifacts is not None:
+            folder = Path(self.place.artifacts) / run.info.run_id
+            check_folder(folder)
+            check_folder(folder / "artifacts")
         for other in others:
             if not other.data.metrics and not other.data.params:
                 self.client.delete_run(other.info.run_id)
@@ -269,8 +271,7 @@ def _client(place: TrackingStore) -> MlflowClient:
     if place.file is not None and _make(place.file):
         # Its connections may be to a file that was deleted.
         _get_store(place.address).engine.dispose()  # type: ignore[no-untyped-call]
-    if place.file is not None and place.artifacts is not None:
-        check_experiment(place.file, Path(place.artifacts), place.experiment)
+    place.keep_artifacts()
     return MlflowClient(tracking_uri=place.address)
 
 

@@ -88,7 +88,6 @@ def served(place: TrackingStore, port: int) -> Iterator[Pages]:
     )
     try:
         _wait(process, f"http://127.0.0.1:{port}/health")
-        place.remove_stray_folder()
         yield pages
     finally:
         _stop(process)

@@ -24,12 +24,11 @@ from islandgp.domain import RewardTable
 from islandgp.errors import RunError, brief
 from islandgp.evaluation.base import Problem
 from islandgp.gp.archive import ArchiveSettings, Elite
-from islandgp.records.archive_file import NAME, best_first, read_archive
+from islandgp.records.archive_file import NAME as ARCHIVE
+from islandgp.records.archive_file import best_first
 from islandgp.records.checkpoint import read_checkpoint
 from islandgp.records.files import PAGE, RunMetadata
 from islandgp.records.folder import RunFolder, Status
-from islandgp.records.manifest import NAME as MANIFEST
-from islandgp.records.manifest import add_to_manifest
 from islandgp.records.parameters import HIDDEN
 from islandgp.records.values import best_robot_in_a_sentence, constrained, reached
 from islandgp.resources import program
@@ -158,7 +157,7 @@ def archive_map(view: RunView) -> dict[str, Any] | None:
         "domain": view.about.tags.get("domain", ""),
         "command": " ".join([shlex.quote(program()), "replay", "-"]),
         "flags": _world_flags(view),
-        "file": NAME,
+        "file": ARCHIVE,
         "readable": cells is not None,
         "elites": entries,
     }
@@ -184,12 +183,12 @@ def _world_flags(view: RunView) -> str:
 
 def _elites(view: RunView) -> tuple[Elite, ...] | None:
     """The present archive; None if it cannot be read."""
-    path = view.folder.path
+    checkpoint = view.folder.path / "checkpoint.json"
     try:
         if view.status is Status.FINISHED:
-            return read_archive(path)[0].elites
-        if (path / "checkpoint.json").exists():
-            return read_checkpoint(path / "checkpoint.json")[0].archive
+            return view.folder.archive().elites
+        if checkpoint.exists():
+            return read_checkpoint(checkpoint)[0].archive
     except RunError:  # the file is missing, damaged, or being written
         return None
     return ()
@@ -262,14 +261,11 @@ def write_page(
         before, now = _content(summary), time()
         replay = ""
         if status is Status.FINISHED:
-            for name in (MANIFEST, PAGE):  # of a process that was killed here
-                remove_leftovers(folder.path, f"{name}.*")
+            remove_leftovers(folder.path, f"{PAGE}.*")  # of a process that was killed here
             replay, now = _replay(folder, problem), summary.stat().st_mtime
         text = run_page(folder, status, history, replay=replay, now=int(1000 * now))
         if _content(summary) == before:  # else the run has ended, or another one has begun
             write_atomic(folder.path / PAGE, text.encode())
-            if status is Status.FINISHED:
-                add_to_manifest(folder.path, PAGE)
 
 
 def _content(file: Path) -> bytes:

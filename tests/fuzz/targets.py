@@ -287,8 +287,6 @@ def _resume(folder: Path) -> None:
     run.about()
     if run.begun() and not run.finished():
         run.resume()
-    elif run.finished():
-        run.restore()
     run.status()
     run.reason()
     run.completed_generations()

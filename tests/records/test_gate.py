@@ -24,12 +24,12 @@ from islandgp.experiment import recorded_decisions
 from islandgp.gate import CONTROL, cleaned, code_in, must_be_known_code, user_folder
 from islandgp.records.files import dump
 from islandgp.records.folder import RunFolder
-from islandgp.records.manifest import add_to_manifest
 from islandgp.running.app import main
 from islandgp.supervision.llm.message import Reply, Request, Usage
 from islandgp.supervision.llm.transcript import Attempt, Call, Conclusion, Start, Transcript
 from tests.composed import plain
 from tests.records.configured import naming
+from tests.records.listed import add_to_manifest
 from tests.tracking.conftest import template
 from tests.tracking.folders import closed_run
 
@@ -178,13 +178,12 @@ def transcribed(home: Path, number: int) -> Path:
 
 
 def resumed(folder: Path) -> str:
-    """The error of continuing a run, and its warnings."""
-    warnings: list[str] = []
+    """The error of continuing a run."""
     try:
-        RunFolder(folder).resume(warnings.append)
+        RunFolder(folder).resume()
     except IslandError as error:
         return str(error)
-    return " ".join(warnings)
+    return ""
 
 
 def of_a_stopped_run(home: Path, _: str) -> str:

@@ -18,13 +18,13 @@ from islandgp.config.compose import run_folder
 from islandgp.errors import ConfigError
 from islandgp.records.files import PAGE, Lines, RunMetadata
 from islandgp.records.folder import RunFolder
-from islandgp.records.manifest import add_to_manifest
 from islandgp.records.parameters import identity_config
 from islandgp.resources import resource
 from islandgp.running.app import main
 from islandgp.running.resume import differences
 from tests.composed import composed, named
 from tests.profiles import sweep
+from tests.records.listed import add_to_manifest
 from tests.running.commands import TINY, fake
 from tests.running.histories import store, tracked
 

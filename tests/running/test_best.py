@@ -14,8 +14,8 @@ import islandgp
 from islandgp.bt.core.language import parse
 from islandgp.cli import islandgp as group
 from islandgp.records.folder import RunFolder
-from islandgp.records.manifest import add_to_manifest
 from islandgp.seeding import Stream, stream
+from tests.records.listed import add_to_manifest
 
 SHORT = (
     "experiment=smoke",

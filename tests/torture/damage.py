@@ -7,7 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Final
 
-from islandgp.records.manifest import RESTORABLE
 from tests.torture.lab import QUICK, SLOW, Lab, assert_refused, communicate, start, under_way
 
 FILES: Final = ("generations.jsonl", "config.yaml", "about.json", "lineage.csv", "summary.json")
@@ -35,10 +34,7 @@ DAMAGES: Final[tuple[Callable[[Path], None], ...]] = (_cut, _changed, _emptied, 
 
 
 def finished_run(lab: Lab) -> None:
-    """Each file of a finished run damaged in four ways: the same command refuses and names it.
-
-    One that is made from the records is made again where it is missing.
-    """
+    """Each file of a finished run damaged in four ways: the same command refuses and names it."""
     home = lab.folder()
     code, output = communicate(start(home, *QUICK))
     assert code == 0, output
@@ -50,10 +46,6 @@ def finished_run(lab: Lab) -> None:
             sound = (run / name).read_bytes()
             damage(run / name)
             ending = lab.run(home, *QUICK)
-            if damage is Path.unlink and name in RESTORABLE:
-                assert ending.code == 0, ending
-                assert (run / name).read_bytes() == sound
-                continue
             assert_refused(ending, name)
             (run / name).write_bytes(sound)
     lab.assert_finishes(home, QUICK)

@@ -86,7 +86,7 @@ FAULTS: Final = {
     ),
     "files of a finished run cut, changed, emptied, deleted": Fault(
         damage.finished_run,
-        "exit code 2, the file's name; a lost `lineage.csv` is made again",
+        "exit code 2, the file's name",
     ),
     "files of an unfinished run cut, changed, emptied, deleted": Fault(
         damage.unfinished_run, "the run ends as usual, or exit code 2 with the reason in words"

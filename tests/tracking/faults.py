@@ -138,7 +138,6 @@ def _facts(store: Store, run: Any) -> Iterator[tuple[str, object]]:
         points = store.client.get_metric_history(info.run_id, name)
         yield name, sorted((point.step, point.timestamp, point.value) for point in points)
     for file in store.client.list_artifacts(info.run_id):
-        if file.path != "manifest.json":  # it has the digest of the page, which names the folder
-            artifacts = Path(store.place.artifacts or "") / info.run_id / "artifacts"
-            content = (artifacts / file.path).read_bytes()
-            yield file.path, re.sub(rb"[^ \"'<>]*/runs/", b"HOME/runs/", content)
+        artifacts = Path(store.place.artifacts or "") / info.run_id / "artifacts"
+        content = (artifacts / file.path).read_bytes()
+        yield file.path, re.sub(rb"[^ \"'<>]*/runs/", b"HOME/runs/", content)

@@ -10,9 +10,9 @@ import yaml
 from click.testing import CliRunner
 
 from islandgp.cli import islandgp
-from islandgp.records.manifest import add_to_manifest
 from islandgp.records.parameters import redacted, without_credentials
 from islandgp.running.app import main
+from tests.records.listed import add_to_manifest
 from tests.tracking import servers
 from tests.tracking.folders import closed_run
 

@@ -89,13 +89,6 @@ def test_a_line_that_is_being_written_is_not_read(tmp_path: Path) -> None:
     assert len(list(folder.records())) == 2
 
 
-def resumed_from(folder: RunFolder) -> tuple[int, list[str]]:
-    """The generation from which a run continues, and the lines that it prints."""
-    lines: list[str] = []
-    state = folder.resume(lines.append)
-    return (state.generation if state else 0), lines
-
-
 @pytest.mark.parametrize(
     ("content", "message"),
     [
@@ -118,13 +111,12 @@ def test_a_damaged_or_missing_checkpoint_is_an_error(
     assert (folder.path / "generations.jsonl").read_bytes() == records
 
 
-def test_a_run_that_begins_again_reports_it(tmp_path: Path) -> None:
+def test_a_run_without_a_checkpoint_begins_again(tmp_path: Path) -> None:
     """A process may die between the first record and the first checkpoint."""
     folder = closed_run(tmp_path / "one", tmp_path, 1)
     (folder.path / "checkpoint.json").unlink()
-    generation, (line,) = resumed_from(folder)
-    assert generation == 0
-    assert line.endswith("the run restarts at generation 0.")
+    assert folder.resume() is None
+    assert list(folder.records()) == list(folder.costs()) == []
 
 
 @pytest.mark.parametrize("end", [-1, -200])
@@ -165,36 +157,13 @@ def test_records_in_another_order_are_noticed(tmp_path: Path) -> None:
 
 
 def test_the_best_tree_is_made_again(tmp_path: Path) -> None:
-    """Where it is missing or another one: in an unfinished run and in a finished one."""
-    unfinished = closed_run(tmp_path / "one", tmp_path, 4)
-    finished = closed_run(tmp_path / "two", tmp_path)
-    for folder, restore in ((unfinished, unfinished.resume), (finished, finished.restore)):
-        best = folder.path / "best.bt"
-        before = best.read_bytes()
-        best.unlink()
-        restore()
-        assert best.read_bytes() == before
-    lineage = finished.path / "lineage.csv"
-    before = lineage.read_bytes()
-    lineage.unlink()
-    finished.restore()
-    assert lineage.read_bytes() == before
-
-
-@pytest.mark.parametrize("line", [b"{}", b"3", b'{"evaluation', b"\xff", None])
-def test_damaged_costs_do_not_stop_a_sound_run(tmp_path: Path, line: bytes | None) -> None:
-    """Their costs are lost, with a message."""
+    """Where it is missing in an unfinished run."""
     folder = closed_run(tmp_path / "one", tmp_path, 4)
-    file = folder.path / "costs.jsonl"
-    first, _, *others = file.read_bytes().splitlines()
-    content = b"" if line is None else b"\n".join((first, line, *others)) + b"\n"
-    file.write_bytes(content)
-    generation, (message,) = resumed_from(folder)
-    assert generation == 4
-    assert message == f"{file}: the costs of {4 if line is None else 1} generations are lost."
-    costs = list(folder.costs())
-    assert [cost["evaluation"] == 0 for cost in costs][1]
-    assert resumed_from(folder) == (4, [])
+    best = folder.path / "best.bt"
+    before = best.read_bytes()
+    best.unlink()
+    folder.resume()
+    assert best.read_bytes() == before
 
 
 def test_what_a_stopped_machine_left_is_cleared_away(tmp_path: Path) -> None:

@@ -10,10 +10,10 @@ import pytest
 from islandgp.errors import RunError
 from islandgp.records.files import pretty
 from islandgp.records.folder import RunFolder, Status
-from islandgp.records.manifest import add_to_manifest
 from islandgp.records.sweep import SweepFile, SweepFolder, SweepJob, arm_table, power_line
 from islandgp.tracking.store import Store, run_key
 from islandgp.tracking.upload import RunUploader, levels_first, parent_run, send_sweep
+from tests.records.listed import add_to_manifest
 from tests.tracking.folders import begun, closed_run
 
 

@@ -10,9 +10,9 @@ from mlflow.entities import Run
 
 from islandgp.errors import TrackingError
 from islandgp.records.folder import RunFolder, Status
-from islandgp.records.manifest import add_to_manifest
 from islandgp.tracking.store import SENT, Store, run_key
 from islandgp.tracking.upload import RunUploader
+from tests.records.listed import add_to_manifest
 from tests.tracking.folders import begun, closed_run, history, place, steps
 
 

@@ -15,11 +15,11 @@ from islandgp.gp.record import Step
 from islandgp.records.archive_file import ArchiveFile
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder
-from islandgp.records.manifest import add_to_manifest
 from islandgp.running.report import summary
 from islandgp.viewer.history import read_history
 from tests.composed import composed, plain
 from tests.evolution.runs import SMALL, plan, run
+from tests.records.listed import add_to_manifest
 from tests.samples import CLASSES, best_of
 
 VALIDATION = Validation(

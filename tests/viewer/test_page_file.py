@@ -28,7 +28,7 @@ def folder(tmp_path: Path) -> RunFolder:
 
 
 def test_a_page_is_completed_once(folder: RunFolder) -> None:
-    """It is in the manifest, and has the same bytes whoever writes it."""
+    """It is no damage, and has the same bytes whoever writes it."""
     write_page(folder, Status.FINISHED)
     text = (folder.path / PAGE).read_text()
     assert 'data-status="FINISHED"' in text
@@ -37,21 +37,11 @@ def test_a_page_is_completed_once(folder: RunFolder) -> None:
     assert (folder.path / PAGE).read_text() == text
 
 
-@pytest.mark.parametrize("name", ["run.html", "manifest.json"])
-def test_a_file_that_a_killed_process_left_is_removed(name: str, folder: RunFolder) -> None:
+def test_a_file_that_a_killed_process_left_is_removed(folder: RunFolder) -> None:
     """When the page is completed."""
-    (folder.path / f".{name}.17.tmp").write_text("half")
+    (folder.path / ".run.html.17.tmp").write_text("half")
     write_page(folder, Status.FINISHED)
     assert not [*folder.path.glob(".*.tmp")]
-
-
-def test_a_changed_page_is_written_again(folder: RunFolder) -> None:
-    """As its content is in the other files."""
-    write_page(folder, Status.FINISHED)
-    with (folder.path / PAGE).open("a") as page:
-        page.write("more")
-    write_page(folder, Status.FINISHED)
-    assert not damaged_files(folder.path)
 
 
 def test_a_page_is_not_written_into_another_run(

@@ -14,15 +14,15 @@ import pytest
 
 from islandgp.domain import RewardTable
 from islandgp.gp.archive import Elite
-from islandgp.records.archive_file import NAME, best_first, read_archive
+from islandgp.records.archive_file import NAME, best_first
 from islandgp.records.folder import RunFolder, Status
-from islandgp.records.manifest import add_to_manifest
 from islandgp.running.report import report
 from islandgp.scoring.classes import Classes
 from islandgp.viewer.history import RunRecords, nothing_works, read_history, thinned
 from islandgp.viewer.run_page import run_page
 from tests.composed import plain
 from tests.evolution.runs import SMALL, run
+from tests.records.listed import add_to_manifest
 from tests.viewer.browser import Browser
 from tests.viewer.runs import changed_record, closed_run
 from tests.viewer.test_access import faint
@@ -155,7 +155,7 @@ def test_the_highest_so_far_begins_again_with_a_stage() -> None:
 
 def test_the_map_is_the_archive(finished: RunFolder, page: Parsed) -> None:
     """Every elite with its tree, best first; axes with their edges."""
-    archive, _ = read_archive(finished.path)
+    archive = finished.archive()
     archive_data = page.data["archive"]
     assert [axis["name"] for axis in archive_data["axes"]] == list(archive.cells)
     assert [tuple(e["cell"]) for e in archive_data["elites"]] == [
@@ -289,7 +289,7 @@ def test_a_long_run_has_a_page_of_some_size(tmp_path: Path) -> None:
         Elite((k // 216, k // 36 % 6, k // 6 % 6, k % 6), f"0.{k}", tree, 0, 1, float(k), 1)
         for k, tree in enumerate(trees)
     )
-    archive, _ = read_archive(folder.path)
+    archive = folder.archive()
     (folder.path / NAME).write_bytes(replace(archive, elites=elites).to_bytes())
     add_to_manifest(folder.path, NAME)
     text = run_page(folder, Status.FINISHED, replay="x" * 1_000_000)
@@ -325,7 +325,7 @@ def tab(browser: Browser, file: Path) -> Iterator[Browser]:
 
 def test_in_a_browser_all_parts_are_drawn(tab: Browser, finished: RunFolder) -> None:
     """A line per curve, a cell per pair of counters with an elite, the replay beside the tree."""
-    elites = read_archive(finished.path)[0].elites
+    elites = finished.archive().elites
     assert tab.run("document.querySelectorAll('#map .elite').length") == len(
         {e.cell[:2] for e in elites}
     )
@@ -337,7 +337,7 @@ def test_in_a_browser_all_parts_are_drawn(tab: Browser, finished: RunFolder) -> 
 
 def test_a_reader_chooses_the_counters_of_the_map(tab: Browser, finished: RunFolder) -> None:
     """Both axes have their counter's name and edges; a cell has the best of its elites."""
-    archive = read_archive(finished.path)[0]
+    archive = finished.archive()
     names = [*archive.cells]
     assert tab.run("[...document.querySelectorAll('#across option')].map(o => o.text)") == names
     for name, axis in (("across", 3), ("up", 2)):
@@ -396,7 +396,7 @@ def test_the_tree_has_its_explanation(tmp_path: Path) -> None:
 
 def test_a_cell_opens_its_tree(tab: Browser, finished: RunFolder) -> None:
     """By a click, by the list, and by arrow keys from elite to elite."""
-    elites = best_first(read_archive(finished.path)[0].elites)
+    elites = best_first(finished.archive().elites)
     tree = "document.querySelector('#cell pre').textContent"
     assert tab.run(tree) == elites[0].tree
     tab.run(
