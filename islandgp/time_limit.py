@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import threading
-from inspect import currentframe
-from time import monotonic
-from types import FrameType, TracebackType
-from typing import Any, Final
+from collections.abc import Iterator
+from contextlib import contextmanager
+from types import FrameType
+from typing import Final
 
 from islandgp.errors import TimeLimitError
 from islandgp.plugin import place_of_frame
@@ -33,90 +34,56 @@ class Overdue(BaseException):
     action = ""  # the leaf in which it was raised, "" if unknown
 
 
-class TimeLimit:
+@contextmanager
+def time_limit(seconds: float) -> Iterator[None]:
     """A context that limits the time of its block to `seconds`; 0: no limit.
 
-        with TimeLimit(60):
+        with time_limit(60):
             domain.run_episode(...)
 
     The time in which the process is suspended counts as a tenth of the limit at most. The limit
-    works in a process's main thread, on systems that have SIGALRM; elsewhere it does nothing. It
-    cannot interrupt C code that never returns to Python. At the end, the handler and the timer of
-    SIGALRM are restored.
+    works in a process's main thread, on systems that have SIGALRM, which nothing else may use;
+    elsewhere it does nothing. It cannot interrupt C code that never returns to Python.
 
     Raises:
         TimeLimitError: at the end of a block that took longer, also if it caught `Overdue`.
     """
+    main = threading.current_thread() is threading.main_thread()
+    if not seconds or not main or not hasattr(signal, "setitimer"):
+        yield
+        return
+    here, block = sys._getframe(), sys._getframe(2)
+    part = max(min(seconds, 1e6) / SLICES, SHORTEST_SLICE_S)
+    left = max(1, round(min(seconds, 1e6) / part))  # signals until the limit is reached
+    late, function, place = Overdue(), "", ""
 
-    def __init__(self, seconds: float) -> None:
-        self._seconds = min(seconds, 1e6)
-        self._slice = max(self._seconds / SLICES, SHORTEST_SLICE_S)
-        self._signals = 0  # number of those received
-        self._most = max(1, round(self._seconds / self._slice))  # until the limit is reached
-        self._late: Overdue | None = None  # the first one
-        self._function = self._where = ""  # the function that was running then, and its line
-        self._over = True
-        self._entered: FrameType | None = None
-        self._before: tuple[float, Any, tuple[float, float]] | None = None
+    def described() -> str:
+        runner = f"the action {late.action}" if late.action else f"the function {function}"
+        return f"{runner} still running after {seconds:g} s{place}"
 
-    def __enter__(self) -> None:
-        main = threading.current_thread() is threading.main_thread()
-        if not self._seconds or not main or not hasattr(signal, "setitimer"):
+    def stop(number: int, frame: FrameType | None) -> None:  # noqa: ARG001 -- a handler's
+        nonlocal left, function, place
+        left -= 1
+        if left > 0 or frame is None or frame is here:
             return
-        self._entered = _caller()
-        handler = signal.signal(signal.SIGALRM, self._stop)
-        timer = signal.setitimer(signal.ITIMER_REAL, self._slice, self._slice)
-        self._before = (monotonic(), handler, timer)
-        self._over = False  # last, as no `__exit__` follows an exception that is raised here
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, _: TracebackType | None
-    ) -> None:
-        self._over = True
-        self._entered = None
-        if self._before is None:
-            return
-        start, handler, (remaining, interval) = self._before
-        signal.setitimer(signal.ITIMER_REAL, 0)
-        signal.signal(signal.SIGALRM, signal.SIG_DFL if handler is None else handler)
-        if remaining:
-            remaining = max(remaining - (monotonic() - start), 0.001)
-            signal.setitimer(signal.ITIMER_REAL, remaining, interval)
-        if self._late is None or (kind is not None and issubclass(kind, KeyboardInterrupt)):
-            return
-        raise TimeLimitError(self._description(), self._seconds) from None
-
-    def _description(self) -> str:
-        assert self._late is not None
-        runner = f"the action {self._late.action}" if self._late.action else self._function
-        return f"{runner} still running after {self._seconds:g} s{self._where}"
-
-    def _stop(self, number: int, frame: FrameType | None) -> None:  # noqa: ARG002 -- a handler's
-        if frame is not None and frame.f_code in _OWN_CODE:
-            return  # an exception at the end of the block would leave the timer running
-        self._signals += 1
-        if self._over or self._signals < self._most:
-            return
-        if self._late is None:
+        if not function:
             signal.setitimer(signal.ITIMER_REAL, RAISE_PERIOD_S, RAISE_PERIOD_S)
-            self._where = place_of_frame(frame, self._entered)
-            self._function = f"the function {frame.f_code.co_name}" if frame is not None else "it"
-            self._late = Overdue()
-            raise self._late
-        if self._signals > self._most + MAX_RAISED:
-            os.write(
-                2,
-                f"islandgp: Expected an end of an episode, found {self._description()}\n".encode(),
-            )
+            function, place = frame.f_code.co_name, place_of_frame(frame, block)
+        elif left < -MAX_RAISED:
+            message = f"islandgp: Expected an end of an episode, found {described()}\n"
+            os.write(2, message.encode())
             os._exit(2)
-        raise Overdue
+        raise late
 
-
-_OWN_CODE: Final = {TimeLimit.__exit__.__code__, TimeLimit._stop.__code__}
-"""Code in which a signal raises nothing."""
-
-
-def _caller() -> FrameType | None:
-    """The frame that enters the context."""
-    frame = currentframe()
-    return frame and frame.f_back and frame.f_back.f_back
+    before = signal.signal(signal.SIGALRM, stop)
+    signal.setitimer(signal.ITIMER_REAL, part, part)
+    try:
+        yield
+    except BaseException as error:
+        if not function or isinstance(error, KeyboardInterrupt):
+            raise
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0)
+        signal.signal(signal.SIGALRM, before)
+    if function:
+        raise TimeLimitError(described(), seconds)

@@ -8,12 +8,12 @@ from time import sleep
 import pytest
 
 from islandgp.errors import TimeLimitError
-from islandgp.time_limit import TimeLimit
+from islandgp.time_limit import time_limit
 
 
 def test_time_in_which_the_process_is_suspended_does_not_count() -> None:
     """A blocked signal is delivered once afterwards, like those of a suspended process."""
-    with TimeLimit(0.3):
+    with time_limit(0.3):
         signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGALRM])
         sleep(0.4)
         signal.pthread_sigmask(signal.SIG_UNBLOCK, [signal.SIGALRM])
@@ -28,7 +28,7 @@ def test_time_at_work_and_time_of_waiting_count(busy: bool) -> None:
             pass
         sleep(60)
 
-    with pytest.raises(TimeLimitError, match=r"within 0\.1 s"), TimeLimit(0.1):
+    with pytest.raises(TimeLimitError, match=r"within 0\.1 s"), time_limit(0.1):
         episode()
 
 
@@ -42,7 +42,7 @@ def test_a_limit_shorter_than_any_episode(seconds: float) -> None:
 
     before = signal.getsignal(signal.SIGALRM)
     for _ in range(20):
-        with pytest.raises(TimeLimitError, match=f"within {seconds:g} s"), TimeLimit(seconds):
+        with pytest.raises(TimeLimitError, match=f"within {seconds:g} s"), time_limit(seconds):
             episode()
         assert signal.getsignal(signal.SIGALRM) == before
     sleep(0.02)

@@ -22,7 +22,7 @@ from islandgp.gate import must_be_known_code
 from islandgp.plain import DECODE_ERRORS
 from islandgp.plugin import imported, raised_in
 from islandgp.scoring.curriculum import Curriculum
-from islandgp.time_limit import TimeLimit
+from islandgp.time_limit import time_limit
 
 
 @dataclass(frozen=True, slots=True)
@@ -195,7 +195,7 @@ def simulate(problem: Problem, job: Job, limit: float = 0) -> Outcome:
     Args:
         problem: the domain and the curriculum.
         job: the tree, the stage and the world seed.
-        limit: time limit of the episode in seconds, as in `TimeLimit`; 0: none.
+        limit: time limit of the episode in seconds, as in `time_limit`; 0: none.
 
     Returns:
         The outcome.
@@ -208,7 +208,7 @@ def simulate(problem: Problem, job: Job, limit: float = 0) -> Outcome:
     try:
         tree = job.node or _tree(job.tree, problem.domain.schema.vocabulary)
         prepare(problem.domain)
-        with TimeLimit(limit):
+        with time_limit(limit):
             domain = problem.in_world(job.stage, job.seed)
             observer = problem.observer and problem.observer(tree, domain.schema.vocabulary)
             outcome = in_floats(domain.run_episode(tree, job.seed, weights, observer))

@@ -15,7 +15,7 @@ from islandgp.bt.core.node import AGAIN, FAILURE, STATUS_NAMES, SUCCESS, Node, w
 from islandgp.domain import Domain, Observer, Outcome, Scene, Schema, SimulatorDomain, prepare
 from islandgp.errors import IslandError, TimeLimitError
 from islandgp.plugin import raised_in
-from islandgp.time_limit import TimeLimit
+from islandgp.time_limit import time_limit
 
 SEEDS: Final = (0, 1, 2**32 - 1)  # of the worlds of all trees
 FRAMES: Final = 3  # ticks whose frames are checked
@@ -60,7 +60,7 @@ class Survey:
         """The outcome of an episode within the time limit."""
         domain = domain or self.domain
         prepare(domain)
-        with TimeLimit(self.timeout):
+        with time_limit(self.timeout):
             outcome = domain.run_episode(tree, seed, weights or {}, observer)
         assert isinstance(outcome, Outcome), f"Expected an Outcome, found {outcome!r:.80}"
         return outcome

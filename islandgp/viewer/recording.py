@@ -14,7 +14,7 @@ from islandgp.domain import Outcome, Scene, Schema, prepare
 from islandgp.errors import DomainError
 from islandgp.evaluation.base import Problem, in_floats
 from islandgp.leaves import is_number
-from islandgp.time_limit import TimeLimit
+from islandgp.time_limit import time_limit
 
 IDLE, FAILED, SUCCEEDED, RUNS, STOPPED = range(5)
 """The last status of a node in a tick; IDLE: it was not ticked."""
@@ -67,7 +67,7 @@ def digits(values: Iterable[float]) -> int:
 def record(tree: Node, problem: Problem, *, seed: int, stage: int, limit: float = 0) -> Recording:
     """Runs a tree in the world of `seed`, scored as in the stage of that index, and records it.
 
-    `limit`: seconds that the episode may take, as in `TimeLimit`; 0: any time.
+    `limit`: seconds that the episode may take, as in `time_limit`; 0: any time.
 
     Raises:
         TimeLimitError: the episode took longer.
@@ -78,7 +78,7 @@ def record(tree: Node, problem: Problem, *, seed: int, stage: int, limit: float 
     recorder = Recorder(tree, schema)
     weights = problem.curriculum.multipliers(stage)
     prepare(domain)
-    with TimeLimit(limit):
+    with time_limit(limit):
         outcome = domain.run_episode(tree, seed, weights, recorder)
     ticks = recorder.finish()
     points = [*outcome.components.values(), *(credit.points for credit in recorder.credits)]
