@@ -132,7 +132,7 @@ class Tree:
 
     def _faults(self, sources: Mapping[str, object]) -> Iterator[str]:
         """A line for each action or key that is missing, cannot be called, or is unknown."""
-        actions = [("action", args.name, arguments_of(args, self.words)) for args in self.leaves()]
+        actions = [("action", *call) for call in self.calls()]
         for kind, name, arguments in [*actions, *(("key", key, {}) for key in self.inputs())]:
             entry = _entry(sources[kind], name)
             if entry is None:
@@ -179,9 +179,7 @@ class RobotTree:
             DomainError: a leaf did not return a status, a key is not a number, or the tree is
                 already in a tick.
         """
-        # Without a context manager, which would add a microsecond to each tick.
-        if not self._ticking.acquire(blocking=False):
-            raise self._nested("tick")
+        self._enter("tick")
         try:
             for place, name, key in self._inputs:
                 self._board[place] = _value(self._keys, name, key)
@@ -204,19 +202,20 @@ class RobotTree:
         Raises:
             DomainError: the tree is in a tick.
         """
-        if not self._ticking.acquire(blocking=False):
-            raise self._nested("stop")
+        self._enter("stop")
         try:
             self._stop()
         finally:
             self._ticking.release()
 
-    def _nested(self, name: str) -> DomainError:
-        """The error of a call of `name` by a leaf, a key or another thread during a tick."""
-        return DomainError(
-            f"Expected {name}() between two ticks of {self.tree.name}, found a call during a"
-            " tick, by a leaf, a key or another thread."
-        )
+    def _enter(self, name: str) -> None:
+        """Raises DomainError if a leaf, a key or another thread calls `name` during a tick."""
+        # Without a context manager, which would add a microsecond to each tick.
+        if not self._ticking.acquire(blocking=False):
+            raise DomainError(
+                f"Expected {name}() between two ticks of {self.tree.name}, found a call during a"
+                " tick, by a leaf, a key or another thread."
+            )
 
     def _stop(self) -> None:
         try:

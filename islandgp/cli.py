@@ -63,22 +63,6 @@ def of_distributions() -> dict[str, str]:
     return {e.name: summary(e) for e in added(ADDED) if e.name not in COMMANDS}
 
 
-MEANT: Final = {
-    "run": "evolve train optimize optimise resume start sweep",
-    "compare": "plot report stats analyze analyse",
-    "best": "results result winner champion",
-    "play": "evaluate eval simulate test",
-    "replay": "view visualize visualise video animate trace",
-    "show": "draw print cat",
-    "check": "lint validate",
-    "fmt": "format",
-    "new": "init create",
-    "export": "convert save",
-    "ui": "mlflow dashboard",
-}
-"""Words for which there is a command of another name."""
-
-
 class Lazy(click.Group):
     """Imports a subcommand when it is used, so `--help` is fast."""
 
@@ -106,8 +90,7 @@ class Lazy(click.Group):
         """The subcommand in `args`. Raises click.UsageError with the nearest name."""
         word, names = args[0], self.list_commands(ctx)
         if word not in names and not word.startswith("-"):
-            near = [name for name, words in MEANT.items() if word in words.split()]
-            near = near or get_close_matches(word, names, 1, 0.5)
+            near = get_close_matches(word, names, 1, 0.5)
             hint = f"; did you mean {near[0]}?" if near else ""
             raise click.UsageError(f"expected a command, found {word!r}{hint}", ctx)
         return super().resolve_command(ctx, args)

@@ -121,11 +121,11 @@ class Results:
 
 def _factors(folder: RunFolder) -> dict[str, Any]:
     """What a run's sweep varies, by key or group: the run's values; {} for a single run."""
-    file, job = job_of(folder.path)
-    if file is None or job is None:
+    if (found := job_of(folder.path)) is None:
         return {}
+    sweep, job = found
     recorded = flatten(folder.configuration())
-    return {f"factor.{k}": recorded.get(k, value) for k, value in file.levels(job).items()}
+    return {f"factor.{k}": recorded.get(k, value) for k, value in sweep.levels(job).items()}
 
 
 def load(path: str | Path) -> Results:

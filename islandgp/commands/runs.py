@@ -7,20 +7,19 @@ import shutil
 import sys
 import webbrowser
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from pathlib import Path
 from time import monotonic, sleep
 from typing import Final
 
 import click
 
-from islandgp.atomic_files import usable, write_atomic
+from islandgp.atomic_files import usable
 from islandgp.commands.options import with_config_dir_option
 from islandgp.errors import IslandError, RunError, SupervisionError, TrackingError, brief
 from islandgp.gate import check_folder, cleaned
-from islandgp.records.files import pretty
 from islandgp.records.folder import RunFolder, Status, run_folders
-from islandgp.records.sweep import SweepFolder
+from islandgp.records.sweep import read_sweep, write_sweep
 from islandgp.tracking.store import Store, TrackingStore, run_key
 
 PERIOD: Final = 5.0  # least s between two pages of an unfinished run
@@ -144,9 +143,8 @@ def delete_command(run: Path, yes: bool) -> None:
     from islandgp.tracking.sync import place_of
 
     folder = run.absolute()
-    sweep = SweepFolder(folder)
-    file = sweep.read()
-    runs = [RunFolder(folder)] if file is None else list(run_folders(folder))
+    sweep = read_sweep(folder)
+    runs = [RunFolder(folder)] if sweep is None else list(run_folders(folder))
     keys: list[tuple[TrackingStore, str]] = []  # the MLflow runs, by store
     places = configured_stores()
     for each in runs:
@@ -158,7 +156,7 @@ def delete_command(run: Path, yes: bool) -> None:
         if place := place_of(each, places):
             keys.append((place, run_key(about)))
     used = list(dict.fromkeys(place for place, _ in keys))
-    keys += [(place, file.id) for place in used if file is not None]
+    keys += [(place, sweep.id) for place in used if sweep is not None]
     what = f"{len(runs)} run{'s' * (len(runs) != 1)} in {cleaned(str(run))}"
     where = " and ".join(place.uri for place in used)
     if not yes:
@@ -166,10 +164,9 @@ def delete_command(run: Path, yes: bool) -> None:
     _delete_stored(keys)
     with usable(folder):
         shutil.rmtree(folder)
-    beside = SweepFolder(folder.parent)
-    if file is None and (whole := beside.read()) is not None:
+    if sweep is None and (whole := read_sweep(folder.parent)) is not None:
         jobs = tuple(job for job in whole.jobs if job.folder != folder.name)
-        write_atomic(beside.path / "sweep.json", pretty(asdict(replace(whole, jobs=jobs))))
+        write_sweep(replace(whole, jobs=jobs))
     click.echo(f"deleted {what}")
 
 

@@ -26,7 +26,7 @@ def configured_stores() -> list[TrackingStore]:
     Raises ConfigError for a wrong file.
     """
     ours, folder = resource("conf"), configuration_folder()
-    options = ConfigSource(ours, "config", folder).options("tracking")
+    options = ConfigSource("config", folder).options("tracking")
     places = []
     for option in sorted(options, key=lambda name: (ours / f"tracking/{name}.yaml").is_file()):
         part = configured([f"tracking={option}"], folder).tracking

@@ -14,7 +14,7 @@ import yaml
 from islandgp.errors import StudyError
 from islandgp.records.folder import run_folders
 from islandgp.records.parameters import flatten
-from islandgp.records.sweep import SweepFolder
+from islandgp.records.sweep import read_sweep
 from islandgp.scoring.classes import Classes
 
 SHORT_KEYS: Final = {
@@ -254,7 +254,7 @@ def _by_arm(runs: Sequence[Run]) -> tuple[dict[str, Arm], list[str]]:
     Folders of one name are parts of one sweep, whose arms differ in what any part varies.
     """
     folders = dict.fromkeys(run.path.parent for run in runs)
-    files = {folder: SweepFolder(folder).read() for folder in folders}
+    files = {folder: read_sweep(folder) for folder in folders}
     parts = {folder: file for folder, file in files.items() if file is not None}
     wholes = {
         folder: replace(

@@ -158,7 +158,7 @@ def planned(args: argparse.Namespace, argv: Sequence[str], home: Path) -> Iterat
 def _may_set_hydra(args: argparse.Namespace) -> bool:
     """True if the command, or a file of the user, may set keys of Hydra."""
     words = [o for o in args.overrides if o.lstrip("+~").startswith("hydra")]
-    return bool(words or args.config_dir or args.config_path or args.config_name)
+    return bool(words or args.config_dir or args.config_name)
 
 
 def _with_first_value(override: Override) -> str:

@@ -47,42 +47,48 @@ Plugins.instance().register(InstalledFolders)
 class ConfigSource:
     """The folders and the primary file of a command's configuration."""
 
-    folder: Path  # absolute; of --config-path, else the package's
     name: str  # of the primary file
     user_folder: Path | None  # absolute; of --config-dir
 
     @classmethod
     def of(cls, args: argparse.Namespace) -> Self:
-        """The source for a command's options. Raises ConfigError if a folder does not exist."""
-        folder = Path(args.config_path or resource("conf")).resolve()
-        user_folder = Path(args.config_dir).resolve() if args.config_dir else None
-        for option, path in (("--config-path", folder), ("--config-dir", user_folder)):
-            if path is not None and not path.is_dir():
+        """The source for a command's options. Raises ConfigError if it cannot be used."""
+        if args.config_path:
+            raise ConfigError(
+                "--config-path: expected --config-dir FOLDER, which adds your files to those of the"
+                " package, found a folder in place of the package's."
+            )
+        folder = Path(args.config_dir).resolve() if args.config_dir else None
+        if folder is not None:
+            if not folder.is_dir():
                 raise ConfigError(
-                    f"{option}: expected a folder of configuration, found none at {path};"
+                    f"--config-dir: expected a folder of configuration, found none at {folder};"
                     " give the path of one that is there."
                 )
-        if user_folder is not None and user_folder != folder:
-            _must_have_own_names(user_folder, folder)
-            set_user_folder(user_folder)
-        return cls(folder, args.config_name or "config", user_folder)
+            if found := hidden(folder, (resource("conf"), *conf_folders())):
+                raise ConfigError(
+                    f"--config-dir: expected files with names of their own, found {found};"
+                    " rename it."
+                )
+            set_user_folder(folder)
+        return cls(args.config_name or "config", folder)
 
     def compose(self, overrides: Sequence[str]) -> DictConfig:
         """The configuration, including Hydra's part. Raises Hydra's exceptions."""
-        first, other = self.folder, self.user_folder
-        if other is not None and not (first / f"{self.name}.yaml").exists():
-            first, other = other, first  # Hydra looks for the primary file in one folder only
-        search = [f"hydra.searchpath=[file://{other}]"] if other else []
+        first, *others = self.folders()[: 1 + (self.user_folder is not None)]
+        if others and not (first / f"{self.name}.yaml").exists():
+            first, others = others[0], [first]  # Hydra looks for the primary file in one folder
+        search = [f"hydra.searchpath=[file://{other}]" for other in others]
         with _alone(), initialize_config_dir(str(first), version_base="1.3"):
             return compose(self.name, [*overrides, *search], return_hydra_config=True)
 
     def folders(self) -> list[Path]:
         """All folders of configuration, those of installed distributions last."""
-        return [self.folder, *filter(None, [self.user_folder]), *conf_folders()]
+        return [*filter(None, [resource("conf").resolve(), self.user_folder]), *conf_folders()]
 
     def loader(self) -> ConfigLoader:
         """Hydra's loader, for the options of groups."""
-        path = create_config_search_path(str(self.folder))
+        path = create_config_search_path(str(resource("conf")))
         if self.user_folder is not None:
             path.append("command-line", f"file://{self.user_folder}")
         return ConfigLoaderImpl(path)
@@ -99,19 +105,17 @@ class ConfigSource:
         Yields:
             A file and a dotted key.
         """
-        package = resource("conf").resolve()
-        folders = {self.folder, self.user_folder or package} - {package}
-        if not folders:
+        if self.user_folder is None:
             return
-        usual = _flat(ConfigSource(package, "config", None).compose([]))
+        usual = _flat(ConfigSource("config", None).compose([]))
         own = flatten(values)
         entries = self.loader().compute_defaults_list(self.name, list(overrides), RunMode.RUN)
         for entry in entries.defaults:
-            for file in (folder / f"{entry.config_path}.yaml" for folder in folders):
-                for inner in _flat(OmegaConf.load(file)) if file.is_file() else ():
-                    key = f"{entry.package or ''}.{inner}".lstrip(".")
-                    if key in own and own[key] != usual.get(key):
-                        yield file, key
+            file = self.user_folder / f"{entry.config_path}.yaml"
+            for inner in _flat(OmegaConf.load(file)) if file.is_file() else ():
+                key = f"{entry.package or ''}.{inner}".lstrip(".")
+                if key in own and own[key] != usual.get(key):
+                    yield file, key
 
     def options(self, group: str) -> list[str]:
         """The options of a group: the names of its files."""
@@ -122,15 +126,6 @@ def _flat(config: Container) -> dict[str, Any]:
     """The values by dotted keys."""
     plain = OmegaConf.to_container(config)
     return flatten({str(k): v for k, v in plain.items()}) if isinstance(plain, dict) else {}
-
-
-def _must_have_own_names(user_folder: Path, folder: Path) -> None:
-    """Raises ConfigError if a file of the user has the name of one in another folder."""
-    if found := hidden(user_folder, (folder, *conf_folders())):
-        raise ConfigError(
-            f"--config-dir: expected files with names of their own, found {found}; rename it, or"
-            " give a whole folder of configuration by --config-path."
-        )
 
 
 @contextmanager

@@ -6,8 +6,9 @@ sweep.json      the jobs: one entry each; later commands add to it
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import asdict, dataclass, replace
 from hashlib import sha256
 from math import inf
 from pathlib import Path
@@ -47,9 +48,10 @@ class SweepJob:
 
 
 @dataclass(frozen=True, slots=True)
-class SweepFile:
-    """Content of sweep.json."""
+class Sweep:
+    """A sweep's folder, and the content of its sweep.json."""
 
+    path: Path  # of the folder; not in the file
     id: str
     started: int  # ms since 1970
     commands: tuple[str, ...]  # oldest first
@@ -97,52 +99,6 @@ class SweepFile:
             by_arm.setdefault(self.arm(job), []).append(job)
         return by_arm
 
-
-class SweepFolder:
-    """Writes and reads the folder of a sweep; one command at a time uses it."""
-
-    def __init__(self, path: Path) -> None:
-        self.path = path
-        self._lock = FileLock(path / ".lock")
-
-    def open(self, command: str, jobs: Sequence[SweepJob]) -> None:
-        """Locks the folder for this process, and adds the jobs to sweep.json.
-
-        Raises:
-            RunError: another sweep is at work here, or the folder cannot be used.
-        """
-        with usable(self.path):
-            busy = RunError(
-                f"Expected to be the only sweep in {self.path}, found another one at work there;"
-                " wait for it, or give this one another name=..."
-            )
-            take(self._lock, self.path, busy)
-            old = self.read() or SweepFile(uuid4().hex, int(1000 * time()), (), ())
-            commands = (*(c for c in old.commands if c != command), command)
-            # A new job replaces the old one of the same slot.
-            merged = tuple({job.slot: job for job in (*old.jobs, *jobs)}.values())
-            file = SweepFile(old.id, old.started, commands, merged)
-            write_atomic(self.path / "sweep.json", pretty(asdict(file)))
-
-    def close(self) -> None:
-        """Unlocks the folder."""
-        self._lock.release()
-
-    def read(self) -> SweepFile | None:
-        """The content of sweep.json; None if there is none. Raises RunError if it is damaged."""
-        path = self.path / "sweep.json"
-        for file in (path, self.path / ".lock"):
-            check_file(file)
-        if not path.exists():
-            return None
-        remedy = "delete it: the runs beside it stay as they are"
-        with reading("the jobs of a sweep", path, remedy):
-            sweep = from_json(SweepFile, cleaned_values(read_json(read_bytes(path))))
-            for job in sweep.jobs:
-                if not is_inside(job.folder) or (self.path / job.folder).is_symlink():
-                    raise ValueError(f"the job {job.folder!r} is not in the sweep's folder")
-        return sweep
-
     def run(self, job: SweepJob) -> RunFolder:
         """The folder of a job."""
         return RunFolder(self.path / job.folder)
@@ -151,29 +107,77 @@ class SweepFolder:
         """True if a process is working on the sweep."""
         return locked(self.path / ".lock")
 
-    def status(self, file: SweepFile) -> Status:
+    def status(self) -> Status:
         """The common status of all jobs.
 
         Stopped jobs take precedence over failed ones, as the sweep can be continued.
         """
-        statuses = {self.run(job).status() for job in file.jobs}
+        statuses = {self.run(job).status() for job in self.jobs}
         for status in (Status.RUNNING, Status.KILLED, Status.FAILED):
             if status in statuses:
                 return status
         return Status.FINISHED
 
 
+def read_sweep(path: Path) -> Sweep | None:
+    """The sweep in a folder; None if there is none. Raises RunError if its file is damaged."""
+    file = path / "sweep.json"
+    for each in (file, path / ".lock"):
+        check_file(each)
+    if not file.exists():
+        return None
+    with reading("the jobs of a sweep", file, "delete it: the runs beside it stay as they are"):
+        values = {**cleaned_values(read_json(read_bytes(file))), "path": str(path)}
+        sweep = from_json(Sweep, values)
+        for job in sweep.jobs:
+            if not is_inside(job.folder) or (path / job.folder).is_symlink():
+                raise ValueError(f"the job {job.folder!r} is not in the sweep's folder")
+    return sweep
+
+
+def write_sweep(sweep: Sweep) -> None:
+    """Writes sweep.json."""
+    values = {name: value for name, value in asdict(sweep).items() if name != "path"}
+    write_atomic(sweep.path / "sweep.json", pretty(values))
+
+
+@contextmanager
+def at_work(path: Path, command: str, jobs: Sequence[SweepJob]) -> Iterator[Sweep]:
+    """A context in which this process alone works on a sweep, to which it adds jobs.
+
+    Raises:
+        RunError: another sweep is at work in the folder, or the folder cannot be used.
+    """
+    lock = FileLock(path / ".lock")
+    busy = RunError(
+        f"Expected to be the only sweep in {path}, found another one at work there; wait for it, or"
+        " give this one another name=..."
+    )
+    try:
+        with usable(path):
+            take(lock, path, busy)
+            old = read_sweep(path) or Sweep(path, uuid4().hex, int(1000 * time()), (), ())
+            # A new job replaces the old one of the same slot.
+            merged = tuple({job.slot: job for job in (*old.jobs, *jobs)}.values())
+            commands = (*(c for c in old.commands if c != command), command)
+            sweep = replace(old, commands=commands, jobs=merged)
+            write_sweep(sweep)
+        yield sweep
+    finally:
+        lock.release()
+
+
 def arm_of(folder: Path) -> str:
     """The arm of a run in its sweep; "" if the run is not a job of a sweep."""
-    file, job = job_of(folder)
-    return "" if file is None or job is None else file.arm(job)
+    found = job_of(folder)
+    return found[0].arm(found[1]) if found else ""
 
 
-def job_of(folder: Path) -> tuple[SweepFile | None, SweepJob | None]:
-    """A run's sweep and its job; None for a missing one."""
-    file = SweepFolder(folder.parent).read()
-    jobs = () if file is None else file.jobs
-    return file, next((job for job in jobs if job.folder == folder.name), None)
+def job_of(folder: Path) -> tuple[Sweep, SweepJob] | None:
+    """A run's sweep and its job; None if it is not a job of a sweep."""
+    sweep = read_sweep(folder.parent)
+    jobs = () if sweep is None else sweep.jobs
+    return next(((sweep, job) for job in jobs if sweep and job.folder == folder.name), None)
 
 
 SAME: Final = ("lineage.csv", "best.bt")  # files that are equal in identical runs
@@ -181,9 +185,9 @@ LAST: Final = ("diversity", "fallback's answers")  # columns of the table, after
 LEAST_PAIRS: Final = 6  # with fewer, no signed-rank test has p < 0.05
 
 
-def power_line(file: SweepFile) -> str:
+def power_line(sweep: Sweep) -> str:
     """What a paired test of two arms can show with the seeds of a sweep; "" for a single arm."""
-    seeds = [len({job.seed for job in jobs}) for jobs in file.arms().values()]
+    seeds = [len({job.seed for job in jobs}) for jobs in sweep.arms().values()]
     if len(seeds) < 2:
         return ""
     if (n := min(seeds)) < LEAST_PAIRS:
@@ -197,7 +201,7 @@ def power_line(file: SweepFile) -> str:
     )
 
 
-def arm_table(sweep: SweepFolder, file: SweepFile) -> str:
+def arm_table(sweep: Sweep) -> str:
     """A head and one line per arm.
 
     Columns: the validation mean with its standard deviation, the median generation of the first
@@ -207,9 +211,9 @@ def arm_table(sweep: SweepFolder, file: SweepFile) -> str:
     Raises:
         RunError: a finished run is damaged.
     """
-    own_scale = any(key.partition(".")[0] in TASK for key in file.studied_keys())
+    own_scale = any(key.partition(".")[0] in TASK for key in sweep.studied_keys())
     rows = []
-    for name, jobs in file.arms().items():
+    for name, jobs in sweep.arms().items():
         runs = [run.summary() for job in jobs if (run := sweep.run(job)).finished()]
         values = [run_values(summary) for summary in runs]
         rows.append(
@@ -251,10 +255,10 @@ def _emergence(values: Sequence[Mapping[str, Any]]) -> dict[str, str]:
     return cells
 
 
-def identical_arms(sweep: SweepFolder, file: SweepFile) -> list[tuple[str, ...]]:
+def identical_arms(sweep: Sweep) -> list[tuple[str, ...]]:
     """The names of arms whose finished runs have the same individuals and best trees, by group."""
     groups: dict[Any, list[str]] = {}
-    for arm, jobs in file.arms().items():
+    for arm, jobs in sweep.arms().items():
         finished = {job.seed: run for job in jobs if (run := sweep.run(job)).finished()}
         runs = sorted(
             (seed, *(sha256((run.path / name).read_bytes()).digest() for name in SAME))
@@ -264,21 +268,21 @@ def identical_arms(sweep: SweepFolder, file: SweepFile) -> list[tuple[str, ...]]
     return [tuple(names) for runs, names in groups.items() if runs and len(names) > 1]
 
 
-def sweep_note(sweep: SweepFolder, file: SweepFile, table: str, status: Status) -> str:
+def sweep_note(sweep: Sweep, table: str, status: Status) -> str:
     """The sweep's description in MLflow, in Markdown."""
-    seeds = sorted({job.seed for job in file.jobs})
-    arms = len(file.arms())
+    seeds = sorted({job.seed for job in sweep.jobs})
+    arms = len(sweep.arms())
     lines = [
         indent(table, "    "),
         "",
-        f"{len(file.jobs)} runs, {status.value.lower()}: {arms} arm{'s' * (arms != 1)},"
+        f"{len(sweep.jobs)} runs, {status.value.lower()}: {arms} arm{'s' * (arms != 1)},"
         f" seeds {', '.join(map(str, seeds))}. ± is the standard deviation over runs; tiers have"
         " the median generation of the first such robot, never counted as later than any.",
         "",
-        *(f"    {command}" for command in file.commands),
+        *(f"    {command}" for command in sweep.commands),
         "",
     ]
-    states = {job: sweep.run(job).status() for job in file.jobs}
+    states = {job: sweep.run(job).status() for job in sweep.jobs}
     if unfinished := {job: s for job, s in states.items() if s is not Status.FINISHED}:
         lines += ["## Not finished", ""]
         lines += [f"- {j.folder} ({s.value.lower()}): `{j.command}`" for j, s in unfinished.items()]

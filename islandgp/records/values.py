@@ -25,13 +25,11 @@ RUN: Final[Mapping[str, Callable[[Mapping[str, Any]], Any]]] = {
     "validation_mean": validation_mean,
     "champion_fitness": lambda summary: summary["champion"]["record"]["fitness"],
     "fitness_max": lambda summary: summary["fittest"]["record"]["fitness"],
-    **{
-        name: itemgetter(name)
-        for name in (
-            *("generations", "final_fitness_max", "final_fitness_mean", "mean_diversity"),
-            "seconds",
-        )
-    },
+    "generations": itemgetter("generations"),
+    "final_fitness_max": itemgetter("final_fitness_max"),
+    "final_fitness_mean": itemgetter("final_fitness_mean"),
+    "mean_diversity": itemgetter("mean_diversity"),
+    "seconds": itemgetter("seconds"),
 }
 """The figures of every run, from its summary."""
 
@@ -63,11 +61,8 @@ def generation_values(
 
     `cost` may be empty, as a run that was killed may lack the last line.
     """
-    snapshot, guidance, everyone = (
-        record["snapshot"],
-        record["guidance"] or {},
-        record["individuals"],
-    )
+    snapshot, guidance = record["snapshot"], record["guidance"] or {}
+    everyone = record["individuals"]
     violations = [violation(i["counters"], constraints) for i in everyone]
     least, best = max(
         zip(violations, everyone, strict=True), key=lambda p: merit(p[1]["fitness"], p[0])
@@ -190,13 +185,9 @@ def best_robot(champion: Mapping[str, Any]) -> str:
 
 def best_robot_in_a_sentence(champion: Mapping[str, Any]) -> str:
     """The best robot's result in unseen worlds with all comparisons, as one sentence."""
-    v = champion["validation"]
-    others = (
-        [f"{measured(other, '+')} against the {other['name']}" for other in v["comparisons"]]
-        if v
-        else []
-    )
-    return ", ".join((best_robot(champion), *others)) + "."
+    others = (champion["validation"] or {}).get("comparisons", ())
+    against = (f"{measured(other, '+')} against the {other['name']}" for other in others)
+    return ", ".join((best_robot(champion), *against)) + "."
 
 
 def comparisons(champion: Mapping[str, Any]) -> Iterator[str]:

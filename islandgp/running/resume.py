@@ -163,7 +163,7 @@ def _commit(checkout: Path) -> str:
         "status",
         "--porcelain=v2",
         "--branch",
-        "--untracked-files=no",
+        "-uno",
     ]
     try:
         lines = subprocess.check_output(words, cwd=checkout, text=True, timeout=5).splitlines()

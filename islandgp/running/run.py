@@ -3,8 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
 from dataclasses import dataclass
 from itertools import islice
@@ -19,7 +18,7 @@ from islandgp.evolution.loop import evolve
 from islandgp.evolution.search_calls import findings
 from islandgp.gp.archive import archive_record
 from islandgp.gp.plan import Plan
-from islandgp.gp.record import GenerationRecord, Step
+from islandgp.gp.record import GenerationRecord
 from islandgp.plugin import path_of, plugin_errors
 from islandgp.records.archive_file import ArchiveFile
 from islandgp.records.files import PAGE
@@ -204,12 +203,6 @@ def _evolve(
         library_episodes=lambda: loaded.episodes,
     )
 
-    def write(step: Step) -> None:
-        nonlocal state
-        state = step.state or state
-        history.add(*target.append(step))
-        tracker.generation()
-
     with closing(evaluator), closing(steps):
         progress = Progress(
             settings.progress,
@@ -219,39 +212,22 @@ def _evolve(
             rate="rate" in settings.search.factory.uses,
             done=done,
         )
-        last = _keep(steps, write, progress, on_generation)
-        best = best_robot(settings, target, history, evaluator, plan.founders)
-    axes, floor = plan.archive.axes(plan.classes), plan.archive.floor
-    counts = archive_record(last.archive, axes, floor=floor)
-    domain = plan.vocabulary.domain
-    target.finish(
-        summary(settings, history, last, best, findings(search, state, plan.vocabulary)),
-        ArchiveFile(domain, dict(axes), floor, counts.coverage, counts.qd_score, last.archive),
-    )
-    return history
-
-
-def _keep(
-    steps: Iterable[Step],
-    write: Callable[[Step], None],
-    progress: Progress,
-    on_generation: OnGeneration | None,
-) -> Step:
-    """Writes each step while the episodes of the next one run; returns the last one."""
-    step: Step | None = None
-    writing: Future[None] = Future()
-    writing.set_result(None)
-    with ThreadPoolExecutor(1, "writer") as writer:
         for step in steps:
-            writing.result()
-            writing = writer.submit(write, step)
+            state = step.state or state
+            history.add(*target.append(step))
+            tracker.generation()
             progress.show(step)
             if on_generation is not None:
-                writing.result()
                 _call(on_generation, step.record)
-        writing.result()
-    assert step is not None
-    return step
+        best = best_robot(settings, target, history, evaluator, plan.founders)
+    axes, floor = plan.archive.axes(plan.classes), plan.archive.floor
+    counts = archive_record(step.archive, axes, floor=floor)
+    domain = plan.vocabulary.domain
+    target.finish(
+        summary(settings, history, step, best, findings(search, state, plan.vocabulary)),
+        ArchiveFile(domain, dict(axes), floor, counts.coverage, counts.qd_score, step.archive),
+    )
+    return history
 
 
 def _call(on_generation: OnGeneration, record: GenerationRecord) -> None:

@@ -20,12 +20,12 @@ from islandgp.evaluation.processes import cores, prepare_worker
 from islandgp.plugin import ComponentConfig
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import identity_config, redacted, without_credentials
-from islandgp.records.sweep import SweepFolder, SweepJob, arm_table, identical_arms, power_line
+from islandgp.records.sweep import SweepJob, arm_table, at_work, identical_arms, power_line
 from islandgp.records.values import validation_mean
 from islandgp.running.console import as_ctrl_c, echo, tolerant_stderr
 from islandgp.running.parts import supervised_runs
 from islandgp.running.report import MOSTLY_FALLBACK, duration, is_mostly_fallback
-from islandgp.running.resume import choose, differences
+from islandgp.running.resume import choose
 from islandgp.running.run import run as run_one
 from islandgp.text import in_points, title
 
@@ -193,13 +193,12 @@ class _Job:
     """A job, and its entry in the file of its sweep."""
 
     planned: Planned
-    sweep: SweepFolder
     entry: SweepJob
 
     @property
     def run(self) -> RunFolder:
         """The folder of its run."""
-        return self.sweep.run(self.entry)
+        return RunFolder(self.planned.folder.with_name(self.entry.folder))
 
 
 def run_sweep(planned: Sequence[Planned], command: str, home: Path) -> int:
@@ -216,32 +215,32 @@ def run_sweep(planned: Sequence[Planned], command: str, home: Path) -> int:
     kind_of(planned[0].launcher)
     _must_differ(planned)
     jobs = [_job(each) for each in planned]
-    sweeps = {job.sweep.path: job.sweep for job in jobs}
+    by_folder: dict[Path, list[SweepJob]] = {}
+    for job in jobs:
+        by_folder.setdefault(job.planned.folder.parent, []).append(job.entry)
     if runs := supervised_runs(job.settings for job in planned):
         from islandgp.supervision.llm.budget import costs  # only with a language model
 
         echo(costs(runs))
     interrupted = False
     with ExitStack() as stack:
-        for path, sweep in sweeps.items():
-            sweep.open(command, [job.entry for job in jobs if job.sweep.path == path])
-            stack.callback(sweep.close)
-            remove_leftovers(path, "sweep.json.*")
-            if (file := sweep.read()) is not None and (line := power_line(file)):
+        sweeps = [stack.enter_context(at_work(p, command, own)) for p, own in by_folder.items()]
+        for sweep in sweeps:
+            remove_leftovers(sweep.path, "sweep.json.*")
+            if line := power_line(sweep):
                 echo(line)
         try:
             _launch(jobs, home)
         except KeyboardInterrupt:
             interrupted = True
     try:
-        _send(jobs, home)
+        _send(jobs, list(by_folder), home)
     except KeyboardInterrupt:
         interrupted = True
-    for sweep in sweeps.values():
-        if (file := sweep.read()) is not None:
-            echo(f"\n{arm_table(sweep, file)}\n\nResults: {sweep.path}")
-            for names in identical_arms(sweep, file):
-                echo(f"Identical records, run by run: {', '.join(names)}")
+    for sweep in sweeps:
+        echo(f"\n{arm_table(sweep)}\n\nResults: {sweep.path}")
+        for names in identical_arms(sweep):
+            echo(f"Identical records, run by run: {', '.join(names)}")
     if interrupted:
         print("islandgp: stopped; the same command continues the run", file=sys.stderr)
         return 130
@@ -259,28 +258,21 @@ def _job(planned: Planned) -> _Job:
         generations=int(config["gp"]["generations"]),
         command=planned.command,
     )
-    return _Job(planned, SweepFolder(planned.folder.parent), entry)
+    return _Job(planned, entry)
 
 
 def _must_differ(jobs: Sequence[Planned]) -> None:
     """Raises ConfigError if two jobs are the same run, or would share a folder."""
-    configs: dict[Hashable, Planned] = {}
-    folders: dict[Path, Planned] = {}
+    seen: dict[Hashable, Planned] = {}
     for job in jobs:
-        same = configs.setdefault(_frozen(identity_config(redacted(job.config))), job)
-        if same is not job:
-            names = " and ".join(dict.fromkeys([same.folder.name, job.folder.name]))
-            raise ConfigError(
-                f"Expected jobs that differ, found two that are the same run: {names};"
-                " take one of them out of the sweep."
-            )
-        other = folders.setdefault(job.folder, job)
-        if other is not job:
-            changed = differences(redacted(other.config), redacted(job.config))
-            raise ConfigError(
-                f"Expected a folder for each job, found two jobs in {job.folder} that differ in"
-                f" {', '.join(changed)}; give each of them another name=..."
-            )
+        for key in (_frozen(identity_config(redacted(job.config))), job.folder):
+            if (other := seen.setdefault(key, job)) is not job:
+                names = " and ".join(dict.fromkeys([other.folder.name, job.folder.name]))
+                raise ConfigError(
+                    "Expected jobs that differ, each in a folder of its own, found two that are the"
+                    f" same run or in the same folder: {names}; take one of them out of the sweep,"
+                    " or give each of them another name=..."
+                )
 
 
 def _frozen(value: Any) -> Hashable:
@@ -314,7 +306,7 @@ def _launch(jobs: Sequence[_Job], home: Path) -> None:
     ]
     existed = [run.begun() for run in runs]
     try:
-        launch(tasks, launcher, jobs[0].sweep.path)
+        launch(tasks, launcher, jobs[0].planned.folder.parent)
     except IslandError:
         raise
     except Exception as error:
@@ -326,14 +318,13 @@ def _launch(jobs: Sequence[_Job], home: Path) -> None:
         print(f"islandgp: the launcher failed ({brief(error)})", file=sys.stderr)
 
 
-def _send(jobs: Sequence[_Job], home: Path) -> None:
+def _send(jobs: Sequence[_Job], folders: Sequence[Path], home: Path) -> None:
     """Sends the final states of the jobs and of the sweep to the tracking store."""
     from islandgp.tracking.mlflow import MLflow, send_sweeps
 
     parts = [job.planned.settings.tracking for job in jobs]
     trackers = [MLflow.make(p.settings(), home) for p in parts if p.factory is MLflow]
-    paths = list(dict.fromkeys(job.sweep.path for job in jobs))
-    if trackers and (message := send_sweeps(paths, trackers)):
+    if trackers and (message := send_sweeps(folders, trackers)):
         print(message, file=sys.stderr)
 
 

@@ -20,7 +20,7 @@ from islandgp.errors import TrackingError, UntrustedError
 from islandgp.gate import cleaned
 from islandgp.records.folder import RunFolder, Status, run_folders
 from islandgp.records.parameters import flatten, without_credentials
-from islandgp.records.sweep import SweepFolder
+from islandgp.records.sweep import read_sweep
 from islandgp.tracking.store import MLflowSettings, Store, TrackingStore
 from islandgp.tracking.upload import RunUploader, send_sweep
 
@@ -123,9 +123,8 @@ def sync(
             (done.sent if uploader.has_sent else done.known).append(folder.path)
     for path, where in sweeps.items():
         with noting(path):
-            sweep = SweepFolder(path)
-            if (file := sweep.read()) is not None:
-                status = Status.RUNNING if sweep.at_work() else sweep.status(file)
+            if (sweep := read_sweep(path)) is not None:
+                status = Status.RUNNING if sweep.at_work() else sweep.status()
                 send_sweep(sweep, opened(where)(), status)
     return done
 

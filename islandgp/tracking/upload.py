@@ -27,8 +27,10 @@ from islandgp.errors import RunError, TrackingError
 from islandgp.gate import check_folder, read_text
 from islandgp.records.files import LONG, PAGE, RunMetadata
 from islandgp.records.folder import RunFolder, Status
+from islandgp.records.manifest import NAME as MANIFEST
+from islandgp.records.manifest import REQUIRED
 from islandgp.records.parameters import flat
-from islandgp.records.sweep import SweepFile, SweepFolder, arm_of, arm_table, sweep_note
+from islandgp.records.sweep import Sweep, arm_of, arm_table, job_of, sweep_note
 from islandgp.records.values import (
     best_robot_in_a_sentence,
     constrained,
@@ -47,19 +49,7 @@ if TYPE_CHECKING:
 MARKER_METRIC: Final = "fitness_max"  # a metric that every generation has
 MAX_POINTS: Final = 1000  # MLflow's limit of points a call
 
-FILES: Final = (
-    "best.bt",
-    LONG,
-    "config.yaml",
-    "lineage.csv",
-    "generations.jsonl",
-    "costs.jsonl",
-    "summary.json",
-    "archive.json",
-    "manifest.json",
-    PAGE,
-    "transcript.jsonl",
-)
+FILES: Final = (*REQUIRED, LONG, MANIFEST, PAGE, "transcript.jsonl")
 """Files of the folder that are sent unchanged. Without error.txt, whose content is in the note:
 MLflow cannot delete a file, and a failed run may be resumed."""
 
@@ -231,46 +221,42 @@ def note(folder: RunFolder, about: RunMetadata, status: Status) -> str:
 
 def parent_run(folder: Path, store: Store) -> str | None:
     """The parent of the run in `folder`, created if missing; None if it is not a sweep's job."""
-    sweep = SweepFolder(folder.parent)
-    file = sweep.read()
-    if file is None or folder.name not in {job.folder for job in file.jobs}:
+    if (found := job_of(folder)) is None:
         return None
+    sweep, _ = found
     with FileLock(sweep.path / LOCK):
-        run, status, _ = _parent(sweep, file, store)
+        run, status, _ = _parent(sweep, store)
         if status != Status.RUNNING and sweep.at_work():
             store.client.update_run(run, status=Status.RUNNING)
         return run
 
 
-def send_sweep(sweep: SweepFolder, store: Store, status: Status) -> None:
+def send_sweep(sweep: Sweep, store: Store, status: Status) -> None:
     """Sends the sweep's summary, if it has changed.
 
     All jobs must have been sent before. Errors of MLflow propagate.
     """
-    file = sweep.read()
-    if file is None:
-        return
-    finished = sorted(job.folder for job in file.jobs if sweep.run(job).finished())
+    finished = sorted(job.folder for job in sweep.jobs if sweep.run(job).finished())
     digest = hashlib.sha256("\n".join(finished).encode()).hexdigest()[:12] if finished else ""
     done = f"{status} {digest}"
     with FileLock(sweep.path / LOCK):
-        run, before, sent = _parent(sweep, file, store)
+        run, before, sent = _parent(sweep, store)
         if status is Status.RUNNING or (before, sent) == (status, done):
             return
-        client, table = store.client, arm_table(sweep, file)
-        records = (sweep.path / job.folder / "generations.jsonl" for job in file.jobs)
+        client, table = store.client, arm_table(sweep)
+        records = (sweep.path / job.folder / "generations.jsonl" for job in sweep.jobs)
         times = [int(1000 * path.stat().st_mtime) for path in records if path.exists()]
-        client.set_terminated(run, status, max(times, default=file.started))
-        client.set_tag(run, "mlflow.note.content", sweep_note(sweep, file, table, status))
+        client.set_terminated(run, status, max(times, default=sweep.started))
+        client.set_tag(run, "mlflow.note.content", sweep_note(sweep, table, status))
         client.log_text(run, table, "arms.txt")
         client.log_artifact(run, str(sweep.path / "sweep.json"))
-        for job in file.jobs:
+        for job in sweep.jobs:
             about = sweep.run(job).about()
             child = None if about is None else store.find(run_key(about))
             if child is not None:
                 tags = {
-                    ARM: levels_first(file.arm(job)),
-                    **file.tags(job),
+                    ARM: levels_first(sweep.arm(job)),
+                    **sweep.tags(job),
                     "mlflow.parentRunId": run,
                 }
                 for name, value in tags.items():
@@ -286,11 +272,11 @@ def levels_first(arm: str) -> str:
     return f"{levels} ({names})" if names else levels
 
 
-def _parent(sweep: SweepFolder, file: SweepFile, store: Store) -> tuple[str, str, str | None]:
+def _parent(sweep: Sweep, store: Store) -> tuple[str, str, str | None]:
     """Id, status and tag SENT of a sweep's MLflow run, created if it is missing."""
-    if found := store.find(file.id):
+    if found := store.find(sweep.id):
         return str(found.info.run_id), found.info.status, found.data.tags.get(SENT)
-    name, command = sweep.path.name, file.commands[-1]
+    name, command = sweep.path.name, sweep.commands[-1]
     tags = {"kind": "sweep", "sweep": name, "mlflow.note.content": f"`{command}`"}
-    run = store.create(file.id, f"sweep {name}", command=command, started=file.started, tags=tags)
+    run = store.create(sweep.id, f"sweep {name}", command=command, started=sweep.started, tags=tags)
     return run, Status.RUNNING, None

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-from dataclasses import asdict
 from pathlib import Path
 
 import pytest
@@ -23,7 +21,7 @@ from islandgp.compare.measures import read_runs
 from islandgp.errors import RunError, StudyError
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import flatten
-from islandgp.records.sweep import SweepFile, SweepJob
+from islandgp.records.sweep import Sweep, SweepJob, write_sweep
 from islandgp.results import load
 from tests.compare.fake_runs import config, fake_run, written
 from tests.tracking.folders import closed_run
@@ -185,8 +183,8 @@ def test_a_printed_name_selects_an_arm(tmp_path: Path) -> None:
             fake_run(seed=seed, folder=tmp_path / folder, generations=4, **change)
             choices = ("supervisor=expert", f"rewards.events.interaction.base={value}")
             jobs.append(SweepJob(folder, folder, "expert", seed, choices, 41, ""))
-    file = SweepFile("0", 1, (), tuple(jobs))
-    (tmp_path / "sweep.json").write_text(json.dumps(asdict(file)), encoding="utf-8")
+    file = Sweep(tmp_path, "0", 1, (), tuple(jobs))
+    write_sweep(file)
     runs = find([tmp_path])
     arms, notes = arms_of_sweep(runs)
     names = [f"interaction.base={value}" for value in (100, 1000, 360)]

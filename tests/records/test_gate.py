@@ -161,7 +161,7 @@ VALUES: Final = {
 }
 ATTEMPT: Final = Attempt(
     Call(0, "rate", 0), 1, Request("model", "system", ("question",), 99, schema={"type": "object"}),
-    Reply("{}", "end_turn", Usage(5, 1)), Usage(5, 1), Usage(5, 1), 0.1, 1.0, 0.0, "2026-01-01",
+    Reply("{}", "end_turn", Usage(5, 1)), 0.1, 1.0, 0.0, "2026-01-01",
 )  # fmt: skip
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from islandgp.config.compose import Planned, planned, run_folder
 from islandgp.errors import ConfigError
-from islandgp.records.sweep import SweepFile, SweepFolder
+from islandgp.records.sweep import Sweep, read_sweep
 from islandgp.running import sweep as sweep_run
 from islandgp.running.app import main
 from islandgp.running.sweep import BASIC, SweepTask, run_sweep
@@ -38,9 +38,9 @@ def listed(jobs: list[Planned]) -> None:
         run_sweep(jobs, "c", Path.cwd())
 
 
-def file_in(folder: Path) -> SweepFile:
+def file_in(folder: Path) -> Sweep:
     """The file of a sweep's folder: its command and jobs."""
-    file = SweepFolder(folder).read()
+    file = read_sweep(folder)
     assert file is not None
     return file
 
@@ -105,7 +105,7 @@ def split(home: Path, *arguments: str) -> list[Planned]:
     ]
 
 
-def check_all_there(jobs: list[Planned], output: str, file: SweepFile) -> None:
+def check_all_there(jobs: list[Planned], output: str, file: Sweep) -> None:
     """Each job once, in its own folder, and two seeds in each arm."""
     assert [job.slot for job in file.jobs] == [job.folder.name for job in jobs]
     assert [job.folder for job in file.jobs] == [job.slot for job in file.jobs]
@@ -174,7 +174,7 @@ def test_different_overrides_have_different_folders_that_any_file_system_takes(
 )
 def test_one_run_in_two_spellings_is_refused(tmp_path: Path, override: str) -> None:
     """It would count twice; the message names it, before anything is written."""
-    with pytest.raises(ConfigError, match="found two that are the same run: expert-seed0"):
+    with pytest.raises(ConfigError, match="the same run or in the same folder: expert-seed0"):
         listed(jobs_of(tmp_path, override))
     assert not list(tmp_path.iterdir())
 

@@ -127,7 +127,7 @@ def test_delete_takes_runs_only(cwd: Path, path: str) -> None:
 
 def plain_choices() -> dict[str, str | None]:
     """The options that are chosen without overrides."""
-    composed = ConfigSource(resource("conf"), "config", None).compose([])
+    composed = ConfigSource("config", None).compose([])
     return {str(k): v for k, v in composed.hydra.runtime.choices.items()}
 
 
@@ -139,7 +139,7 @@ def test_the_help_has_the_most_used_keys_with_their_defaults(
         main(["--help"])
     lines = capsys.readouterr().out.splitlines()
     assert max(map(len, lines)) <= 80
-    source, choices = ConfigSource(resource("conf"), "config", None), plain_choices()
+    source, choices = ConfigSource("config", None), plain_choices()
     words = "\n".join(lines)
     for name in source.loader().list_groups(""):
         options = {file.stem for file in (resource("conf") / name).glob("*.yaml")}

@@ -185,7 +185,7 @@ ONE_LINE = [
      "seed=range(5): expected one value, found a sweep; give one, or add -m to"),
     (["--config-dir", "nope"], "--config-dir: expected a folder of configuration, found none at /"),
     (["--config-path", "nope"],
-     "--config-path: expected a folder of configuration, found none at /"),
+     "--config-path: expected --config-dir FOLDER, which adds your files to those of the package"),
     (["name=${nope}"],
      "name: expected a value, found none (Interpolation key 'nope' not found); give name=VALUE"),
     (["gp=4"], "Config group override must be a string or a list. Got int"),

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from islandgp.records.sweep import SweepFolder
+from islandgp.records.sweep import read_sweep
 from islandgp.tracking import upload
 from islandgp.tracking.store import Store
 from islandgp.tracking.sync import sync
@@ -113,8 +113,10 @@ def test_any_request_of_a_sweep_may_fail(fault: Fault, template: Path, tmp_path:
         shutil.copytree(tmp_path / "runs", home / "runs")
         shutil.copy(template, home / "mlflow.db")
         store = Faulty(place(home), at, fault, ConnectionError("reset"))
+        sweep = read_sweep(home / "runs/a")
+        assert sweep is not None
         with suppress(ConnectionError):
-            send(SweepFolder(home / "runs/a"), store)
+            send(sweep, store)
         store.client.settle()
         sync(home / "runs", store.place)
         sync(home / "runs", store.place)

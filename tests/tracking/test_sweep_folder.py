@@ -10,7 +10,7 @@ import pytest
 from islandgp.errors import RunError
 from islandgp.records.files import pretty
 from islandgp.records.folder import RunFolder, Status
-from islandgp.records.sweep import SweepFile, SweepFolder, SweepJob, arm_table, power_line
+from islandgp.records.sweep import Sweep, SweepJob, arm_table, at_work, power_line
 from islandgp.tracking.store import Store, run_key
 from islandgp.tracking.upload import RunUploader, levels_first, parent_run, send_sweep
 from tests.records.listed import add_to_manifest
@@ -25,30 +25,19 @@ def job(
     return SweepJob(slot or folder, folder, supervisor, seed, choices, 5, command)
 
 
-def started_sweep(
-    path: Path, *jobs: SweepJob, command: str = "python -m islandgp -m"
-) -> SweepFolder:
+def started_sweep(path: Path, *jobs: SweepJob, command: str = "python -m islandgp -m") -> Sweep:
     """A sweep that has been started and is over."""
-    sweep = SweepFolder(path)
-    sweep.open(command, jobs)
-    sweep.close()
-    return sweep
+    with at_work(path, command, jobs) as sweep:
+        return sweep
 
 
-def file_of(sweep: SweepFolder) -> SweepFile:
-    """What sweep.json holds."""
-    file = sweep.read()
-    assert file is not None
-    return file
-
-
-def send(sweep: SweepFolder, store: Store) -> str:
+def send(sweep: Sweep, store: Store) -> str:
     """All jobs, then the sweep; the parent's id."""
-    for entry in file_of(sweep).jobs:
+    for entry in sweep.jobs:
         if sweep.run(entry).about() is not None:
             RunUploader(sweep.run(entry), store).send(sweep.run(entry).status())
-    send_sweep(sweep, store, sweep.status(file_of(sweep)))
-    parent = store.find(file_of(sweep).id)
+    send_sweep(sweep, store, sweep.status())
+    parent = store.find(sweep.id)
     assert parent is not None
     return str(parent.info.run_id)
 
@@ -58,18 +47,18 @@ def test_later_commands_add_their_jobs(tmp_path: Path) -> None:
     started_sweep(tmp_path / "s", job("a-seed0"), job("a-seed1"), command="first")
     repeated = job("a-seed1~2", slot="a-seed1")
     sweep = started_sweep(tmp_path / "s", repeated, job("a-seed2"), command="second")
-    file = file_of(sweep)
-    assert [entry.folder for entry in file.jobs] == ["a-seed0", "a-seed1~2", "a-seed2"]
-    assert file.commands == ("first", "second")
+    assert [entry.folder for entry in sweep.jobs] == ["a-seed0", "a-seed1~2", "a-seed2"]
+    assert sweep.commands == ("first", "second")
 
 
 def test_two_sweeps_cannot_work_in_one_folder(tmp_path: Path) -> None:
     """The second is refused with a remedy."""
-    first = SweepFolder(tmp_path / "s")
-    first.open("c", [job("a-seed0")])
-    with pytest.raises(RunError, match=r"only sweep in .*name=\.\.\."):
-        SweepFolder(tmp_path / "s").open("c", [job("a-seed0")])
-    first.close()
+    with (
+        at_work(tmp_path / "s", "c", [job("a-seed0")]),
+        pytest.raises(RunError, match=r"only sweep in .*name=\.\.\."),
+        at_work(tmp_path / "s", "c", [job("a-seed0")]),
+    ):
+        pass
 
 
 def test_arms_differ_in_anything_but_the_seed(tmp_path: Path) -> None:
@@ -81,8 +70,9 @@ def test_arms_differ_in_anything_but_the_seed(tmp_path: Path) -> None:
         job("3", "supervisor=expert", "gp.population=8", "gp.episodes=1", supervisor="expert"),
         job("4", "supervisor=baseline", "gp.population=8", "gp.episodes=1", seed=1),
     )
-    file = file_of(sweep)
-    assert {name: [entry.folder for entry in entries] for name, entries in file.arms().items()} == {
+    assert {
+        name: [entry.folder for entry in entries] for name, entries in sweep.arms().items()
+    } == {
         "baseline gp.episodes=1": ["1", "4"],
         "baseline gp.episodes=2": ["2"],
         "expert gp.episodes=1": ["3"],
@@ -93,7 +83,7 @@ def test_the_order_of_a_commands_overrides_does_not_matter(tmp_path: Path) -> No
     """Seeds that a later command adds in another order are in the same arm."""
     first, second = ("gp.population=8", "gp.episodes=1"), ("gp.episodes=1", "gp.population=8")
     sweep = started_sweep(tmp_path / "s", job("1", *first), job("2", *second, seed=1), job("3"))
-    arms = {name: len(entries) for name, entries in file_of(sweep).arms().items()}
+    arms = {name: len(entries) for name, entries in sweep.arms().items()}
     assert arms == {"gp.episodes=1 gp.population=8": 2, "baseline": 1}
 
 
@@ -112,8 +102,8 @@ def test_what_so_many_seeds_can_show(seeds: int, words: str) -> None:
         for arm, n in (("expert", seeds), ("baseline", seeds + 1))
         for s in range(n)
     ]
-    assert power_line(SweepFile("0", 1, (), tuple(both))).startswith(f"Seeds: {words}")
-    assert power_line(SweepFile("0", 1, (), tuple(both[:seeds]))) == ""
+    assert power_line(Sweep(Path(), "0", 1, (), tuple(both))).startswith(f"Seeds: {words}")
+    assert power_line(Sweep(Path(), "0", 1, (), tuple(both[:seeds]))) == ""
 
 
 def test_points_of_different_rewards_are_marked(tmp_path: Path) -> None:
@@ -121,7 +111,7 @@ def test_points_of_different_rewards_are_marked(tmp_path: Path) -> None:
     heads = []
     for key in ("rewards.events.interaction.base", "gp.population"):
         sweep = started_sweep(tmp_path / key, job("1", f"{key}=8"), job("2", f"{key}=9"))
-        heads.append(arm_table(sweep, file_of(sweep)).splitlines()[0])
+        heads.append(arm_table(sweep).splitlines()[0])
     assert "validation mean, own scale  " in heads[0]
     assert "validation mean  " in heads[1]
 
@@ -129,7 +119,7 @@ def test_points_of_different_rewards_are_marked(tmp_path: Path) -> None:
 def test_an_arm_is_one_row_of_the_table(tmp_path: Path) -> None:
     """Also where a text in its name holds a line break."""
     sweep = started_sweep(tmp_path / "s", job("1", 'a="x|\ny"'), job("2", "a=z"))
-    _, *rows = arm_table(sweep, file_of(sweep)).splitlines()
+    _, *rows = arm_table(sweep).splitlines()
     assert len(rows) == 2
     assert rows[0].startswith('a="x| y"  0 of 1')
 
@@ -138,11 +128,11 @@ def test_a_sweeps_status_is_that_of_its_jobs(tmp_path: Path) -> None:
     """A stopped job counts for more than a failed one, and that for more than finished ones."""
     sweep = started_sweep(tmp_path / "s", job("one"), job("two"))
     closed_run(tmp_path / "s/one", tmp_path)
-    assert sweep.status(file_of(sweep)) is Status.KILLED
+    assert sweep.status() is Status.KILLED
     closed_run(tmp_path / "s/two", tmp_path, 2).fail(ValueError("x"))
-    assert sweep.status(file_of(sweep)) is Status.FAILED
+    assert sweep.status() is Status.FAILED
     closed_run(tmp_path / "s/two", tmp_path)
-    assert sweep.status(file_of(sweep)) is Status.FINISHED
+    assert sweep.status() is Status.FINISHED
 
 
 def test_jobs_find_the_same_parent(home: Path, store: Store) -> None:
@@ -176,7 +166,7 @@ def test_a_finished_sweep_is_described(home: Path, store: Store) -> None:
     assert "    python -m islandgp -m" in note
     names = {file.path for file in store.client.list_artifacts(parent)}
     assert names == {"arms.txt", "sweep.json"}
-    for entry in file_of(sweep).jobs:
+    for entry in sweep.jobs:
         about = sweep.run(entry).about()
         assert about is not None
         child = store.find(run_key(about))
@@ -203,11 +193,10 @@ def test_a_sweep_at_work_is_running_again(home: Path, store: Store) -> None:
     sweep = started_sweep(home / "runs/s", job("one"))
     closed_run(home / "runs/s/one", home, 2)
     parent = send(sweep, store)
-    sweep.open("c", [job("one")])
-    folder = begun(home / "runs/s/one", home)
-    RunUploader(folder, store).send(Status.RUNNING)
-    folder.close()
-    sweep.close()
+    with at_work(sweep.path, "c", [job("one")]):
+        folder = begun(home / "runs/s/one", home)
+        RunUploader(folder, store).send(Status.RUNNING)
+        folder.close()
     assert store.client.get_run(parent).info.status == "RUNNING"
 
 
@@ -223,11 +212,11 @@ def test_the_table_shows_how_many_answers_were_the_fallbacks(tmp_path: Path) -> 
     sweep = started_sweep(tmp_path / "s", job("one"), job("two", seed=1), job("three", seed=2))
     for name in ("one", "two"):
         closed_run(tmp_path / "s" / name, tmp_path)
-    assert "fallback" not in arm_table(sweep, file_of(sweep))
+    assert "fallback" not in arm_table(sweep)
     folder = sweep.run(job("one"))
     assert folder.summary()["answers"] == {"total": 4, "fallback": 0, "in_part": 0}
     with_summary(folder, answers={"total": 4, "fallback": 3, "in_part": 1})
-    head, row = arm_table(sweep, file_of(sweep)).splitlines()
+    head, row = arm_table(sweep).splitlines()
     assert head.endswith("  diversity  fallback's answers")
     assert row.endswith("  3 of 8, 1 of them in part")
 
@@ -253,7 +242,7 @@ def test_the_table_s_median_is_over_all_runs(
         summary["first"]["complete"] = first
         (folder.path / "summary.json").write_bytes(pretty(summary))
         add_to_manifest(folder.path, "summary.json")
-    (row,) = arm_table(sweep, file_of(sweep)).splitlines()[1:]
+    (row,) = arm_table(sweep).splitlines()[1:]
     assert row.startswith(f"baseline  {len(firsts)} of {len(firsts) + 1}  ")
     assert f"  {expected}  " in row
 
@@ -265,6 +254,6 @@ def test_a_milestone_of_another_domain_s_arm_is_no_cell_of_this_one(tmp_path: Pa
         closed_run(tmp_path / "s" / name, tmp_path)
     folder = sweep.run(job("there", "domain=there"))
     with_summary(folder, first={"solved": 3})
-    rows = arm_table(sweep, file_of(sweep)).splitlines()
+    rows = arm_table(sweep).splitlines()
     assert rows[0].endswith("  Solved      diversity")
     assert ["3 (1 of 1)" in row for row in rows[1:]] == [False, True]

@@ -104,6 +104,7 @@ def test_a_finished_run_has_everything_that_people_look_for(home: Path, store: S
     assert stored.data.tags["supervisor"] == "baseline"
     assert "Best robot" in stored.data.tags["mlflow.note.content"]
     assert {file.path for file in store.client.list_artifacts(run)} == {
+        "about.json",
         "archive.json",
         "best.bt",
         "best.bt.txt",
