@@ -11,18 +11,28 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import ClassVar, Final, Literal, Self
+from itertools import chain
+from typing import ClassVar, Final, Self
 
 import numpy as np
-from pydantic import Field
 
-from islandgp.bt.core.language import parse, to_text
+from islandgp.bt.core.condition import Condition, ConditionExpr
+from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import Node, guard_of, size, walk
-from islandgp.gp.branches import branches_of
-from islandgp.gp.edits import Edit, path_text
+from islandgp.bt.core.vocabulary import Vocabulary
+from islandgp.gp.branches import branches_of, fine
+from islandgp.gp.edits import (
+    Edit,
+    EditRecord,
+    Path,
+    as_record,
+    is_selector,
+    nodes_with_paths,
+    path_text,
+)
 from islandgp.gp.record import IndividualRecord, fittest
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.state import PopulationState
@@ -32,31 +42,22 @@ from islandgp.supervision.expert import (
     ExpertSettings,
     classify_pattern,
     classify_phase,
-    policy_keys,
     wanted_rate,
 )
-from islandgp.supervision.guard_width import place_for, same_child_guard, widened
 from islandgp.supervision.library import Library
 
 EXAMPLES: Final = 5  # most trees per counter whose branches are candidates
+WIDENING_STEP: Final = 0.15  # step by which a guard is widened, as a share of its key's range
 WORD: Final = re.compile(r"\w+")
-
-EditKey = tuple[str, str, str | None, float | None]
-"""Kind, place, canonical text of the branch, and number of an edit."""
 
 
 class EditorSettings(ExpertSettings, frozen=True, extra="forbid"):
-    """The expert's settings, and the sources of branches."""
-
-    sources: tuple[Literal["library", "archive"], ...] = Field(("library", "archive"), min_length=1)
-    """Sources of branches, in order of priority; archive: trees that the run has evaluated."""
+    """The expert's settings, for the mutation rate."""
 
     @property
     def reads(self) -> dict[str, tuple[str, ...]]:
         """See `Supervisor`."""
-        added = type(self).model_fields.keys() - ExpertSettings.model_fields.keys()
-        library = ("library",) if "library" in self.sources else ()
-        return {"rate": super().reads["rate"], "edits": (*policy_keys(added), *library)}
+        return {"rate": super().reads["rate"], "edits": ("library",)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,27 +84,20 @@ def requirements(classes: Classes) -> tuple[Requirement, ...]:
 
     A bound of more than 0 for each behaviour follows, as tiers may be defined by points alone.
     """
-    bounds: list[Requirement] = []
-    for k, milestone in enumerate(classes.milestones):
-        for tier in (classes.tiers[name] for name in reversed(classes.needed(milestone))):
-            for strict, values in ((False, tier.at_least), (True, tier.above)):
-                bounds += [Requirement(c, value, strict, k) for c, value in values.items()]
+    bounds = [
+        Requirement(counter, value, strict, k)
+        for k, milestone in enumerate(classes.milestones)
+        for tier in (classes.tiers[name] for name in reversed(classes.needed(milestone)))
+        for strict, values in ((False, tier.at_least), (True, tier.above))
+        for counter, value in values.items()
+        if counter != "fitness"
+    ]
     last = len(classes.milestones)
     bounds += [Requirement(c, 0.0, True, last) for c in classes.behaviours.values()]
-    # Keep each bound for its easiest milestone. Tiers may bound `fitness`, which is no counter.
     easiest: dict[tuple[str, float, bool], Requirement] = {}
     for bound in bounds:
-        if bound.counter != "fitness":
-            easiest.setdefault((bound.counter, bound.value, bound.strict), bound)
+        easiest.setdefault((bound.counter, bound.value, bound.strict), bound)
     return tuple(easiest.values())
-
-
-@dataclass(frozen=True, slots=True)
-class Branch:
-    """A branch that can be inserted into a tree."""
-
-    node: Node
-    source: str  # in words, e.g. "library tree single_charging"
 
 
 class Editor:
@@ -127,15 +121,13 @@ class Editor:
         self._trees_with: Counter[str] = Counter()  # number of evaluated trees, by action
         self._shown_with: Counter[tuple[str, str]] = Counter()
         """Number of evaluated trees with the counter above 0, by counter and action."""
-        self._evaluated: Counter[str] = Counter()  # number of edits, by inserted branch
-        self._improved: Counter[str] = Counter()  # number of them that improved the tree
-        self._advised: set[tuple[str, EditKey]] = set()  # by tree; accepted or refused
+        self._advised: set[tuple[object, ...]] = set()  # `_change` of edits, accepted or refused
 
     # Measurements of the run.
 
     def on_generation(self, generation: GenerationView) -> None:
         """See `GenerationListener`."""
-        self._learn(generation)
+        self._remember_edits(generation)
         self._latest = generation
         self._trees[generation.snapshot.generation] = {i.id: i.tree for i in generation.individuals}
         counters = dict.fromkeys(r.counter for r in self.requirements)
@@ -149,30 +141,20 @@ class Editor:
                     self._examples.setdefault(counter, []).append(individual)
         for counter, examples in self._examples.items():
             order = sorted(examples, key=lambda i: (-i.counters[counter], i.nodes))
-            self._examples[counter] = list({i.tree: i for i in reversed(order)}.values())[::-1]
-            del self._examples[counter][EXAMPLES:]
+            distinct = {i.tree: i for i in reversed(order)}
+            self._examples[counter] = [*distinct.values()][::-1][:EXAMPLES]
 
-    def _learn(self, generation: GenerationView) -> None:
-        """Count the edits that the generation evaluated, and those that improved a tree.
+    def _remember_edits(self, generation: GenerationView) -> None:
+        """Remembers edits of the record, so a resumed run repeats none either.
 
-        The edits are read from the record, so a resumed run has the same counts. They refer to
-        individuals of generation `asked_at`.
+        They refer to individuals of generation `asked_at`.
         """
         guidance = generation.guidance
         if guidance is None or guidance.asked_at is None:
             return
         self._trees = {g: trees for g, trees in self._trees.items() if g >= guidance.asked_at}
         trees = self._trees.get(guidance.asked_at, {})
-        for edit in guidance.edits:
-            if edit.of in trees:
-                key = (edit.kind, edit.at, edit.branch, edit.number)
-                self._advised.add((trees[edit.of], key))
-        accepted = [edit for edit in guidance.edits if not edit.refused]
-        # There are no trials if the search evaluates no edits, or if the run stopped before.
-        for edit, trial in zip(accepted, generation.trials, strict=False):
-            if edit.branch is not None:
-                self._evaluated[edit.branch] += 1
-                self._improved[edit.branch] += trial.fitness > trial.parent_fitness
+        self._advised |= {_change(trees[e.of], e) for e in guidance.edits if e.of in trees}
 
     # Advice.
 
@@ -182,12 +164,11 @@ class Editor:
         edits: list[tuple[str, Edit]] = []
         if view is not None and view.snapshot.generation == state.now.generation:
             edits = self.edits(view, rng)
-        phase = classify_phase(state, settings)
         return Guidance(
             mutation_rate=wanted_rate(state, settings),
             tree=None,
             source=self.name,
-            phase=phase,
+            phase=classify_phase(state, settings),
             pattern=classify_pattern(state, settings),
             reasoning="; ".join(edit.reason for _, edit in edits) or "nothing to edit",
             notes={"counters": " ".join(counter for counter, _ in edits)} if edits else {},
@@ -205,56 +186,45 @@ class Editor:
                 break
             counter = requirement.counter
             if counter not in untried:
-                branches = self.ranked_branches(counter, rng)
+                branches = self.branches_for(counter, rng)
                 individual = self.individual_to_edit(view, best, rng)
-                untried[counter] = self.untried_edits(individual, branches, requirement, advised)
+                untried[counter] = self._untried(individual, branches, requirement, advised)
             if (edit := next(untried[counter], None)) is not None:
                 edits.append((counter, edit))
         return edits
 
-    def untried_edits(
+    def _untried(
         self,
         individual: IndividualRecord,
-        branches: Sequence[Branch],
+        branches: Mapping[Node, str],
         requirement: Requirement,
-        advised: set[tuple[str, EditKey]],
+        advised: set[tuple[object, ...]],
     ) -> Iterator[Edit]:
-        """Edits that add branches to an individual's tree and are not in `advised`.
-
-        Each edit that it yields is added to `advised`.
-        """
-        for branch in branches:
-            for edit in self.edits_with(individual, branch, requirement):
-                text = None if edit.branch is None else to_text(edit.branch)
-                key = (individual.tree, (edit.kind, edit.at, text, edit.number))
-                if key not in advised:
-                    advised.add(key)
+        """Edits that add branches to an individual's tree and are not in `advised`, then added."""
+        for branch, source in branches.items():
+            for edit in self._edits_with(individual, branch, source, requirement):
+                change = _change(individual.tree, as_record(edit, ""))
+                if change not in advised:
+                    advised.add(change)
                     yield edit
 
     def requirements_to_edit_for(self, fittest: IndividualRecord) -> list[Requirement]:
         """The requirement of each edit, in order; control arms override it.
 
-        These are the unmet requirements, repeated, as one may need several edits.
+        These are the unmet requirements, repeated, as one may need several edits: of each counter
+        the easiest, sorted by milestone, the easiest first; then by the share of the bound that is
+        reached, the lowest first; then as `classes.hardest`.
         """
-        return self.unmet(fittest) * self.context.edits
-
-    def unmet(self, individual: IndividualRecord) -> list[Requirement]:
-        """The easiest unmet requirement of each counter.
-
-        Sorted by milestone, the easiest first; then by the share of the bound that is reached, the
-        lowest first; then as `classes.hardest`.
-        """
-        counters = individual.counters
+        counters, classes = fittest.counters, self.context.classes
         missed = {r.counter: r for r in reversed(self.requirements) if not r.met(counters)}
-        easiest = [r for r in self.requirements if missed.get(r.counter) is r]
-        hardest = [self.context.classes.behaviours[name] for name in self.context.classes.hardest]
+        hardest = [classes.behaviours[name] for name in classes.hardest]
 
-        def order(r: Requirement) -> tuple[int, float, int]:
+        def order(r: Requirement) -> tuple[int, float, int, int]:
             share = counters[r.counter] / r.value if r.value > 0 else 0.0
             rank = hardest.index(r.counter) if r.counter in hardest else len(hardest)
-            return r.milestone, share, rank
+            return r.milestone, share, rank, self.requirements.index(r)
 
-        return sorted(easiest, key=order)
+        return sorted(missed.values(), key=order) * self.context.edits
 
     def individual_to_edit(
         self, view: GenerationView, fittest: IndividualRecord, rng: np.random.Generator
@@ -263,59 +233,49 @@ class Editor:
         del view, rng
         return fittest
 
-    def ranked_branches(self, counter: str, rng: np.random.Generator) -> list[Branch]:
-        """Distinct branches for a counter, the most promising first; control arms override it."""
-        del rng
+    def branches_for(self, counter: str, rng: np.random.Generator) -> Mapping[Node, str]:
+        """Branches for a counter, each with its source in words; control arms override it.
 
-        def success_rate(branch: Branch) -> float:
-            """The share of the branch's edits that improved a tree; 1/2 without edits."""
-            text = to_text(branch.node)
-            return (self._improved[text] + 1) / (self._evaluated[text] + 2)
-
-        return sorted(self.candidate_branches(counter), key=success_rate, reverse=True)
-
-    def candidate_branches(self, counter: str) -> list[Branch]:
-        """Distinct branches that may raise a counter, in the order of the sources.
-
-        A branch that occurs several times has the place of the last and the source of the first.
+        Those of the library come before those of trees that the run has evaluated.
         """
-        of_source = {"library": self._library_branches, "archive": self._archive_branches}
-        branches = [b for source in self.settings.sources for b in of_source[source](counter)]
-        return list({branch.node: branch for branch in reversed(branches)}.values())[::-1]
+        del rng
+        sources: dict[Node, str] = {}
+        for branch, source in chain(
+            self._library_branches(counter), self._evaluated_branches(counter)
+        ):
+            sources.setdefault(branch, source)
+        return sources
 
-    def _library_branches(self, counter: str) -> list[Branch]:
+    def _library_branches(self, counter: str) -> Iterator[tuple[Node, str]]:
         """The first guarded branch of each library tree for the counter's behaviours."""
         behaviours = [b for b, name in self.context.classes.behaviours.items() if name == counter]
         names = [name for b in behaviours for name in self.library.targets.get(b, ())]
-        return [
-            Branch(branch, f"library tree {name}")
-            for name in dict.fromkeys(names)
-            for branch in library_branches([self.library.trees[name]])[0]
-        ]
+        for name in dict.fromkeys(names):
+            for branch in library_branches([self.library.trees[name]])[0]:
+                yield branch, f"library tree {name}"
 
-    def _archive_branches(self, counter: str) -> list[Branch]:
+    def _evaluated_branches(self, counter: str) -> list[tuple[Node, str]]:
         """Guarded branches with the action most typical of a counter, the smallest first."""
         shown_with, trees_with = self._shown_with, self._trees_with
         actions = [action for name, action in shown_with if name == counter]
         if not actions:
             return []
         action = max(actions, key=lambda a: (shown_with[counter, a] / trees_with[a], a))
-        vocabulary = self.context.schema.vocabulary
         branches = [
-            Branch(branch, f"individual {i.id}")
+            (branch, f"individual {i.id}")
             for i in self._examples[counter]
-            for branch in branches_of(parse(i.tree, vocabulary))
+            for branch in branches_of(parse(i.tree, self.context.schema.vocabulary))
             if branch.guard and any(node.action == action for node in walk(branch))
         ]
-        return sorted(branches, key=lambda branch: size(branch.node))
+        return sorted(branches, key=lambda pair: size(pair[0]))
 
     @cached_property
     def library(self) -> Library:
         """The run's library; loaded late, as the search for a missing library takes seconds."""
         return self.context.library()
 
-    def edits_with(
-        self, individual: IndividualRecord, branch: Branch, requirement: Requirement
+    def _edits_with(
+        self, individual: IndividualRecord, branch: Node, source: str, requirement: Requirement
     ) -> Iterator[Edit]:
         """Edits that insert a branch: at the place for its guard, and in front of the whole tree.
 
@@ -325,17 +285,87 @@ class Editor:
         tree = parse(individual.tree, vocabulary)
         count = individual.counters[requirement.counter]
         reason = f"{requirement.counter} {count:g}, wanted {requirement}"
-        if (present := same_child_guard(tree, branch.node)) is not None:
+        if (present := same_child_guard(tree, branch)) is not None:
             path, guard = present
             number = widened(guard_of(guard).condition, vocabulary)
             if number is not None:
                 reason = f"{reason}: a wider guard"
                 yield Edit("number", individual.id, path_text(path), number=number, reason=reason)
             return
-        reason = f"{reason}: a branch of {branch.source}"
-        place = place_for(tree, branch.node, vocabulary)
+        reason = f"{reason}: a branch of {source}"
+        place = place_for(tree, branch, vocabulary)
         if place is not None and place > 0:
             # "front" inserts before the child at the place; after the last child there is none.
             kind = "insert" if place == len(tree.children) else "front"
-            yield Edit(kind, individual.id, str(place), branch.node, reason=reason)
-        yield Edit("front", individual.id, branch=branch.node, reason=reason)  # before the root
+            yield Edit(kind, individual.id, str(place), branch, reason=reason)
+        yield Edit("front", individual.id, branch=branch, reason=reason)  # before the root
+
+
+def _change(tree: str, edit: EditRecord) -> tuple[object, ...]:
+    """What an edit changes in a tree."""
+    return tree, edit.kind, edit.at, edit.branch, edit.number
+
+
+def width(expr: ConditionExpr, vocabulary: Vocabulary) -> float:
+    """Share of blackboards on which a condition holds, in [0, 1], for uniformly distributed values.
+
+    A flag and a comparison of two keys hold on half of them. A joined condition is estimated from
+    its parts: `and` by the narrowest, `or` by the widest, as the parts may depend on each other.
+    """
+    if not isinstance(expr, Condition):
+        parts = [width(part, vocabulary) for part in expr.parts]
+        if expr.word == "not":
+            return 1 - parts[0]
+        return min(parts) if expr.word == "and" else max(parts)
+    if expr.operator in ("is", "not") or not expr.single:
+        return 0.5
+    key = vocabulary.keys[expr.key]
+    if key.words:
+        return 1 / len(key.words) if expr.operator == "==" else 1 - 1 / len(key.words)
+    below = min(1.0, max(0.0, (expr.number - key.low) / (key.high - key.low)))
+    equal = min(1.0, key.step / (key.high - key.low))
+    shares = {"<": below, ">": 1 - below, "=": equal, "!": 1 - equal}
+    return shares[expr.operator[0]]
+
+
+def guard_width(branch: Node, vocabulary: Vocabulary) -> float:
+    """The width of a branch's guard, in [0, 1]; 1 without a guard."""
+    return width(branch.guard.condition, vocabulary) if branch.guard else 1.0
+
+
+def place_for(tree: Node, branch: Node, vocabulary: Vocabulary) -> int | None:
+    """The index at which to insert a branch among the root's children.
+
+    It is inserted before the first child with an equally wide or wider guard. None if the root is
+    not a selector.
+    """
+    if not is_selector(tree):
+        return None
+    width = guard_width(branch, vocabulary)
+    wider = (k for k, c in enumerate(tree.children) if guard_width(c, vocabulary) >= width)
+    return next(wider, len(tree.children))
+
+
+def same_child_guard(tree: Node, branch: Node) -> tuple[Path, Node] | None:
+    """Path and node of the first guard in a tree with the same child as a branch's guard."""
+    if not branch.guard:
+        return None
+    for path, node in nodes_with_paths(tree):
+        if node.guard and node.children == branch.children:
+            return path, node
+    return None
+
+
+def widened(expr: ConditionExpr, vocabulary: Vocabulary) -> float | None:
+    """The number of a comparison, moved so that it holds more often.
+
+    None for another condition, and if the number is at the end of the key's range.
+    """
+    if not isinstance(expr, Condition) or not expr.single:
+        return None
+    if expr.operator not in ("<", "<=", ">", ">="):
+        return None
+    key = vocabulary.keys[expr.key]
+    step = WIDENING_STEP * (key.high - key.low) * (1 if expr.operator in ("<", "<=") else -1)
+    number = fine(expr.number + step, key)
+    return None if number == expr.number else number

@@ -11,10 +11,11 @@ from typing import ClassVar, Self
 
 import numpy as np
 
+from islandgp.bt.core.node import Node
 from islandgp.errors import SupervisionError
 from islandgp.gp.record import IndividualRecord
 from islandgp.supervision.base import GenerationView, RunContext
-from islandgp.supervision.editor import Branch, Editor, EditorSettings, Requirement
+from islandgp.supervision.editor import Editor, EditorSettings, Requirement
 from studies.controls.yoked import DAMAGES, Yoked, YokedSettings, damaged_record
 
 
@@ -23,14 +24,13 @@ class RandomBranch(Editor):
 
     name = "editor_random_branch"
 
-    def ranked_branches(self, counter: str, rng: np.random.Generator) -> list[Branch]:
+    def branches_for(self, counter: str, rng: np.random.Generator) -> dict[Node, str]:
         """Branches drawn from those for all counters; as many as the editor has for this one."""
-        candidates = [
-            branch for r in self.requirements for branch in self.candidate_branches(r.counter)
-        ]
-        pool = list({branch.node: branch for branch in candidates}.values())
-        drawn = rng.permutation(len(pool))[: len(self.candidate_branches(counter))]
-        return [pool[k] for k in drawn]
+        pool: dict[Node, str] = {}
+        for requirement in self.requirements:
+            pool |= super().branches_for(requirement.counter, rng)
+        pairs, number = [*pool.items()], len(super().branches_for(counter, rng))
+        return dict(pairs[k] for k in rng.permutation(len(pairs))[:number])
 
 
 class RandomTree(Editor):

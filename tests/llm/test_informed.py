@@ -20,7 +20,12 @@ from islandgp.records.folder import RunFolder
 from islandgp.running.parts import make_supervisor, run_context
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, Guidance, RunContext, Supervisor
-from islandgp.supervision.llm.history import RunHistory, best_rank, describe_episode, most_lacking
+from islandgp.supervision.llm.history import (
+    best_rank,
+    describe_episode,
+    injected_trees,
+    most_lacking,
+)
 from islandgp.supervision.llm.questions import Questions
 from tests.composed import composed
 from tests.goldens import check_golden
@@ -188,13 +193,13 @@ def test_the_fate_of_a_tree() -> None:
         [individual("2.0", 1, "1.2"), individual("2.1", 8, "1.1", "1.2")],
         [individual("3.0", 1, "2.0")],
     ]
-    run, trees = RunHistory(), []
+    run, trees = list[GenerationView](), []
     injected = SimpleNamespace(injected=True, target="rare", edits=())
     for generation, people in enumerate(populations):
         first = replace(first, guidance=injected if generation == 0 else None)  # type: ignore[arg-type]
         now = replace(first.snapshot, generation=generation)
-        run = run.followed_by(replace(first, snapshot=now, individuals=tuple(people)))
-        trees.append(run.injected[0])
+        run.append(replace(first, snapshot=now, individuals=tuple(people)))
+        trees.append(injected_trees(run)[0])
     assert [(f.rank, f.new.fitness) for f in trees] == [(3, 5)] * 4
     alive = [
         [i for i in people if i.id in f.family]

@@ -60,7 +60,6 @@ OTHER: dict[str, Any] = {
     "supervisor.policy.collapse": 0.99,
     "supervisor.policy.compact.nodes": 40,
     "supervisor.policy.up": 3.0,
-    "supervisor.policy.sources": ["archive"],
 }
 """Another value of keys that some configurations do not read; None: the other of true and false."""
 
@@ -74,7 +73,7 @@ SEEN = {
     ("paper", "baseline"): VARIATION,
     ("paper", "expert"): VARIATION | {"supervisor.inject", "supervisor.lag"},
     ("racing", "expert"): RACING | {"allocation.injected", "supervisor.inject"},
-    ("racing", "editor"): RACING | {"supervisor.policy.sources"},
+    ("racing", "editor"): RACING,
     ("random", "expert"): {"gp.trees.leaf"},
 }
 """Declared keys whose other value changes these small runs."""

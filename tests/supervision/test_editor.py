@@ -14,8 +14,8 @@ from islandgp.gp.edits import Edit, EditTrial, as_record
 from islandgp.gp.record import IndividualRecord
 from islandgp.running.parts import make_supervisor
 from islandgp.supervision.base import GenerationView
-from islandgp.supervision.editor import Editor, requirements
-from islandgp.supervision.guard_width import guard_width, place_for, widened
+from islandgp.supervision.editor import Editor, guard_width, place_for, requirements, widened
+from islandgp.supervision.library import Library
 from tests.composed import composed
 from tests.evolution.runs import run
 from tests.samples import snapshot, state
@@ -57,6 +57,13 @@ def editor(name: str = "editor", *overrides: str) -> Editor:
     """The supervisor of that name."""
     supervisor = make_supervisor(composed(f"supervisor={name}", *overrides), None)
     assert isinstance(supervisor, Editor)
+    return supervisor
+
+
+def without_library() -> Editor:
+    """The editor of a domain without a library."""
+    supervisor = editor()
+    supervisor.library = Library({}, {}, {}, {})
     return supervisor
 
 
@@ -110,7 +117,7 @@ def test_a_branch_of_a_tree_that_has_shown_the_behaviour() -> None:
         individual("0.1", donor, 100, charges=2),
         individual("0.2", PATROL, 50),
     )
-    (edit,) = advice(editor("editor", "supervisor.policy.sources=[archive]"), view(*population))
+    (edit,) = advice(without_library(), view(*population))
     assert edit.branch == parse(CHARGE)
     assert "individual 0.1" in edit.reason
 
@@ -199,6 +206,6 @@ def test_two_counters_do_not_get_the_same_edit() -> None:
     """A branch that is typical of both is inserted once."""
     donor = individual("0.1", f"selector {{ {CHARGE} PatrolWaypoint }}", charges=1, deliveries=1)
     population = (individual("0.0", COLLECT, 500, pickups=3), donor)
-    edits = advice(editor("editor", "supervisor.policy.sources=[archive]"), view(*population))
+    edits = advice(without_library(), view(*population))
     changes = [(edit.kind, edit.at, edit.branch) for edit in edits]
     assert len(changes) == len(set(changes)) == 1

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import pairwise
 from math import isfinite
 from statistics import fmean
@@ -17,15 +17,14 @@ from typing import Any, Final
 
 from islandgp.bt.core.engine import ABORTED
 from islandgp.bt.core.language import parse, to_text
-from islandgp.bt.core.node import AGAIN, RUNNING, SUCCESS, Node, walk
+from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node, walk
 from islandgp.domain import Domain, Observer, Outcome, Scene
 from islandgp.gp.edits import EditRecord, EditTrial, nodes_with_paths, path_text
 from islandgp.gp.population import Origin
-from islandgp.gp.record import GuidanceRecord, IndividualRecord
+from islandgp.gp.record import IndividualRecord
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import merit, violation
 from islandgp.scoring.explain import explained_in_text
-from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, RunContext
 from islandgp.supervision.llm.prompts import about, environment
@@ -60,45 +59,39 @@ class InjectedTree:
     family: frozenset[str]  # ids of all descendants so far; a search can keep some aside
     last: int  # last generation with any
 
-    def followed_by(self, view: GenerationView) -> InjectedTree:
-        """The tree with its descendants in the next generation."""
-        alive = {i.id for i in view.individuals if not self.family.isdisjoint(i.parents)}
-        last = view.snapshot.generation if alive else self.last
-        return replace(self, family=self.family | alive, last=last)
+
+def injected_trees(history: Sequence[GenerationView]) -> list[InjectedTree]:
+    """The KEPT trees of a run that were injected last, the oldest first."""
+    trees: list[InjectedTree] = []
+    for k, view in enumerate(history):
+        if view.guidance is None or not view.guidance.injected:
+            continue
+        for new in (i for i in view.individuals if i.origin == Origin.INJECTED):
+            family, last = {new.id}, view
+            for later in history[k + 1 :]:
+                alive = {i.id for i in later.individuals if not family.isdisjoint(i.parents)}
+                family, last = family | alive, later if alive else last
+            born, target = view.snapshot.generation, view.guidance.target or ""
+            rank, end = best_rank([new], view.individuals), last.snapshot.generation
+            trees.append(InjectedTree(born, target, new, rank, frozenset(family), end))
+    return trees[-KEPT:]
 
 
-@dataclass(frozen=True, slots=True)
-class RunHistory:
-    """The history of a run for prompts, the oldest first."""
+def past_edits(
+    history: Sequence[GenerationView],
+) -> list[tuple[int, EditRecord, EditTrial | None]]:
+    """The last edits of a run, the oldest first.
 
-    now: GenerationView | None = None  # the last generation
-    injected: tuple[InjectedTree, ...] = ()  # the trees injected last
-    decisions: tuple[tuple[GuidanceRecord, GenerationStats, GenerationStats], ...] = ()
-    """The last decisions, and the generations before and after each."""
-    edits: tuple[tuple[int, EditRecord, EditTrial | None], ...] = ()
-    """The last edits, with the generation in which each was or would have been evaluated, and its
-    comparison with the tree before; None: refused, or not evaluated."""
-
-    def followed_by(self, view: GenerationView) -> RunHistory:
-        """The history extended by one generation."""
-        g, guidance = view.snapshot.generation, view.guidance
-        injected = [tree.followed_by(view) for tree in self.injected]
-        decisions, edits = [*self.decisions], [*self.edits]
-        if guidance is not None:
-            trees = [i for i in view.individuals if i.origin == Origin.INJECTED]
-            for i in trees if guidance.injected else ():
-                rank, family = best_rank([i], view.individuals), frozenset({i.id})
-                injected.append(InjectedTree(g, guidance.target or "", i, rank, family, g))
-            if self.now is not None:
-                decisions.append((guidance, self.now.snapshot, view.snapshot))
-            trials = iter(view.trials)
-            edits += [(g, e, None if e.refused else next(trials, None)) for e in guidance.edits]
-        return RunHistory(
-            now=view,
-            injected=tuple(injected[-KEPT:]),
-            decisions=tuple(decisions[-KEPT:]),
-            edits=tuple(edits[-MAX_PAST_EDITS:]),
-        )
+    Each has the generation in which it was or would have been evaluated, and its comparison with
+    the tree before; None: refused, or not evaluated.
+    """
+    return [
+        (view.snapshot.generation, e, None if e.refused else next(trials, None))
+        for view in history
+        if view.guidance is not None
+        for trials in [iter(view.trials)]
+        for e in view.guidance.edits
+    ][-MAX_PAST_EDITS:]
 
 
 def ranked(individuals: Sequence[IndividualRecord]) -> list[IndividualRecord]:
@@ -114,7 +107,7 @@ def best_rank(some: Sequence[IndividualRecord], population: Sequence[IndividualR
 
 def sections(
     context: RunContext,
-    history: RunHistory,
+    history: Sequence[GenerationView],
     state: PopulationState,
     names: Collection[str],
     *,
@@ -127,7 +120,7 @@ def sections(
 
     Args:
         context: of the run.
-        history: of the run so far; its last generation has the trees to edit.
+        history: the run's generations so far; the last one has the trees to edit.
         state: of the population.
         names: of the sections to be written; others are "".
         rare: share of the population below which a behaviour is rare.
@@ -135,34 +128,38 @@ def sections(
         evidence: whose points and traces are shown; None: the last generation.
         traced: True: with a trace of each tree to edit.
     """
-    values: dict[str, Any] = {"run": context, "history": history, "state": state, "rare": rare}
-    written, episodes = set(OF_STATE), None
-    if (now := history.now) is not None:
-        written, view = {*names, *OF_STATE}, evidence or now
-        episodes = EpisodeTexts(context, view)
-        members, classes, seen = view.individuals, context.classes, parents_of(view, context, count)
+    values: dict[str, Any] = {"run": context, "state": state, "rare": rare, "names": OF_STATE}
+    episodes = None
+    if history:
+        now, view, classes = history[-1], evidence or history[-1], context.classes
+        episodes, members = EpisodeTexts(context, view), view.individuals
         groups = {n: [i for i in members if i.specialist == n] for n in classes.specialist_names}
         for name in classes.tiers:
             groups[f"{classes.tier_title(name)}s"] = [i for i in members if name in i.tiers]
         parents = parents_of(now, context, count)
         own = {i.tree for i in parents}
         values |= {
+            "names": {*names, *OF_STATE},
             "view": view,
+            "injected_trees": injected_trees(history),
+            "changes": [(b.guidance, a.snapshot, b.snapshot) for a, b in pairwise(history)][-KEPT:],
+            "all_edits": past_edits(history),
             "groups": dict([*groups.items()][:ROWS]),
             "learned_lines": view.learned[:ROWS],
             "best": ranked(members)[0],
             "worst": most_lacking(members, classes),
-            "parents_to_edit": [*zip(parents, seen, strict=False)],
+            "parents_to_edit": [*zip(parents, parents_of(view, context, count), strict=False)],
             "others": parents_of(now, context, count + NEIGHBOURS)[len(parents) :],
             "elites": [*{e.tree: e for e in now.archive if e.tree not in own}.values()],
             "most_neighbours": NEIGHBOURS,
             "traced": traced,
             "episodes": episodes,
             "listing": lambda tree: listing(parse(tree, context.schema.vocabulary)),
+            "best_rank": best_rank,
+            "components": components,
+            "mean": fmean,
         }
-    template = environment().get_template("history.jinja")
-    functions = {"best_rank": best_rank, "components": components, "mean": fmean}
-    module = template.make_module({**values, **functions, "names": written})
+    module = environment().get_template("history.jinja").make_module(values)
     every = (*OF_STATE, *RUN_VALUES, *EDIT_VALUES)
     return {n: str(getattr(module, n)) for n in every}, episodes.number if episodes else 0
 
@@ -206,32 +203,24 @@ class EpisodeLog:
     """An observer that records the data of the description."""
 
     def __init__(self, tree: Node) -> None:
-        self.actions = [n.action for n in walk(tree)]
-        self.active: list[tuple[str, ...]] = []  # by tick: the actions that ran or succeeded
+        self.names = [n.action for n in walk(tree)]
+        self.actions = list(dict.fromkeys(filter(None, self.names)))
+        self.statuses: list[tuple[int, str, int]] = []  # tick, action, status
         self.boards: list[tuple[float, ...]] = []  # by tick
         self.credits: list[tuple[int, str, float]] = []  # tick, event, points
-        self.succeeded: Counter[str] = Counter()  # by action
-        self.failed: Counter[str] = Counter()
-        self._now: set[str] = set()
 
     def node(self, place: int, status: int) -> None:
         """See `Observer`."""
-        if not (action := self.actions[place]) or status == ABORTED:
-            return
-        if status in (RUNNING, AGAIN, SUCCESS):
-            self._now.add(action)
-        if status not in (RUNNING, AGAIN):
-            (self.succeeded if status == SUCCESS else self.failed)[action] += 1
+        if (action := self.names[place]) and status != ABORTED:
+            self.statuses.append((len(self.boards), action, status))
 
     def tick(self, board: Sequence[float], scene: Scene | None) -> None:  # noqa: ARG002 -- the protocol's
         """See `Observer`."""
-        self.active.append(tuple(sorted(self._now)))  # a set has another order in each process
         self.boards.append(tuple(map(float, board)))
-        self._now.clear()
 
     def credit(self, component: str, points: float, event: str, action: str) -> None:  # noqa: ARG002 -- the protocol's
         """See `Observer`."""
-        self.credits.append((len(self.active), event, points))
+        self.credits.append((len(self.boards), event, points))
 
 
 def describe_episode(
@@ -248,12 +237,12 @@ def describe_episode(
 
 def _course(log: EpisodeLog, step_s: float) -> Iterator[str]:
     """A line for each of SPANS equal parts of the episode."""
-    ticks = len(log.active)
+    ticks = len(log.boards)
+    did = {(tick, name) for tick, name, s in log.statuses if s in (RUNNING, AGAIN, SUCCESS)}
     for begin, end in pairwise(sorted({ticks * k // SPANS for k in range(SPANS + 1)})):
-        length = end - begin
-        active = Counter(name for names in log.active[begin:end] for name in names)
+        active = Counter(name for tick, name in sorted(did) if begin <= tick < end)
         shares = ", ".join(
-            f"{name} {f'{n / length:.0%}' if n * 100 >= length else f'{n} ticks'}"
+            f"{name} {f'{n / (end - begin):.0%}' if n * 100 >= end - begin else f'{n} ticks'}"
             for name, n in active.most_common(MAX_NAMED)
         )
         inside = [
@@ -269,50 +258,45 @@ def _course(log: EpisodeLog, step_s: float) -> Iterator[str]:
 
 def _ends(log: EpisodeLog) -> Iterator[str]:
     """How the actions of the tree ended; each of them is in one of the lines, or ran to the end."""
-    names = dict.fromkeys(filter(None, log.actions))
-    ran = {name for names in log.active for name in names}
-    succeeded = [f"{name} {log.succeeded[name]}x" for name in names if log.succeeded[name]]
-    never = [n for n in names if not log.succeeded[n]]
-    running = [n for n in never if log.active and n in log.active[-1]]
-    failed = [f"{n} {log.failed[n]}x" for n in never if log.failed[n] and n not in running]
-    unused = [name for name in names if name not in ran and not log.failed[name]]
-    for what, parts in (
-        ("succeeded", succeeded),
-        ("running at the end, without a success before", running),
-        ("failed and never succeeded", failed),
-        ("never started", unused),
+    succeeded = Counter(name for _, name, s in log.statuses if s == SUCCESS)
+    failed = Counter(name for _, name, s in log.statuses if s == FAILURE)
+    going = (RUNNING, AGAIN)
+    running = {n for tick, n, s in log.statuses if s in going and tick == len(log.boards) - 1}
+    running -= succeeded.keys()
+    started = {name for _, name, _ in log.statuses}
+    none = Counter[str]()
+    for what, names, counts in (
+        ("succeeded", succeeded.keys(), succeeded),
+        ("running at the end, without a success before", running, none),
+        ("failed and never succeeded", failed.keys() - succeeded.keys() - running, failed),
+        ("never started", set(log.actions) - started, none),
     ):
-        if parts:
-            yield f"- {what}: {', '.join(parts)}"
+        texts = [n + (f" {counts[n]}x" if n in counts else "") for n in log.actions if n in names]
+        if texts:
+            yield f"- {what}: {', '.join(texts)}"
 
 
 def _keys(log: EpisodeLog, domain: Domain) -> Iterator[str]:
-    if not log.boards:
-        return
-    step_s = domain.step_s
-    for place, (name, key) in enumerate(list(domain.schema.vocabulary.keys.items())[:KEYS]):
-        values = [board[place] for board in log.boards]
+    """The values of the first KEYS keys over the episode."""
+    keys = list(domain.schema.vocabulary.keys.items())[:KEYS]
+    for (name, key), values in zip(keys, zip(*log.boards, strict=True), strict=False):
+        points = [(v, tick) for tick, v in enumerate(values) if isfinite(v)]
         if key.flag:
             yield f"- {name}: yes in {sum(v != 0 for v in values) / len(values):.0%} of the time"
-            continue
-        if key.words:
+        elif key.words:
             counts = Counter(map(key.text_of, values)).most_common()
             shares = ", ".join(f"{value} {n / len(values):.0%}" for value, n in counts)
             yield f"- {name}: {shares} of the time"
-            continue
-        points = [(v, tick) for tick, v in enumerate(values) if isfinite(v)]
-        if not points:
-            continue
-        low, trough = min(points)
-        high, peak = max(points, key=lambda pair: (pair[0], -pair[1]))
-        if low == high:
-            yield f"- {name}: {in_points(low)} throughout"
-            continue
-        yield (
-            f"- {name}: {in_points(points[0][0])} at first, {in_points(points[-1][0])} at the end;"
-            f" least {in_points(low)} at {in_points(trough * step_s)} s,"
-            f" most {in_points(high)} at {in_points(peak * step_s)} s"
-        )
+        elif points and min(points)[0] == max(points)[0]:
+            yield f"- {name}: {in_points(points[0][0])} throughout"
+        elif points:
+            low, trough = min(points)
+            high, peak = max(points, key=lambda pair: (pair[0], -pair[1]))
+            yield (
+                f"- {name}: {in_points(points[0][0])} at first, {in_points(points[-1][0])} at the"
+                f" end; least {in_points(low)} at {in_points(trough * domain.step_s)} s,"
+                f" most {in_points(high)} at {in_points(peak * domain.step_s)} s"
+            )
 
 
 @dataclass

@@ -31,7 +31,6 @@ from islandgp.supervision.llm.answers import (
 from islandgp.supervision.llm.history import (
     EDIT_VALUES,
     RUN_VALUES,
-    RunHistory,
     parents_of,
     paths_of,
     sections,
@@ -80,7 +79,7 @@ class Questions:
             "rate": settings.rate_words,
             "informed": self.informed,
         }
-        self.history = RunHistory()
+        self.history: list[GenerationView] = []  # the generations so far
         self.traced = True  # prompts have descriptions of episodes
         self.evidence: GenerationView | None = None
         """The generation whose points and episodes the question for edits shows; None: its own."""
@@ -94,7 +93,7 @@ class Questions:
 
     def on_generation(self, generation: GenerationView) -> None:
         """See `GenerationListener`."""
-        self.history = self.history.followed_by(generation)
+        self.history.append(generation)
 
     def request(self, part: str, state: PopulationState | None = None) -> Request:
         """The request for a part; without a state it lacks the values of LATER."""
@@ -157,8 +156,8 @@ class Questions:
             children=MAX_CHILDREN,
             in_json=True,
         )
-        if part == "edits" and (now := self.history.now) is not None:
-            parents = parents_of(now, self.context, self.settings.parents)
+        if part == "edits" and self.history:
+            parents = parents_of(self.history[-1], self.context, self.settings.parents)
             places = {i.id: [*paths_of(i.tree, self.context)] for i in parents}
             return edit_grammar(tree, places).text("gbnf")
         return answer_grammar(shape, tree, self.settings.rates).text("gbnf")
@@ -170,8 +169,9 @@ class Questions:
         bounds = (self.context.limits, self.context.schema.vocabulary)
         if part == "tree":
             return lambda reply: check_proposal(reply, *bounds, state.targets)
-        now = self.history.now
-        living = {} if now is None else nameable([now.individuals], now.archive)
+        living: dict[str, str] = {}
+        for now in self.history[-1:]:
+            living = nameable([now.individuals], now.archive)
         existing = frozenset((*living.values(), *map(to_text, self._library.trees.values())))
         return lambda reply: check_edits(reply, *bounds, living, existing)
 
