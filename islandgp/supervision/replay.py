@@ -10,13 +10,11 @@ from __future__ import annotations
 from pathlib import Path
 from typing import ClassVar
 
-import numpy as np
 from pydantic import BaseModel
 
 from islandgp.errors import SupervisionError
 from islandgp.gate import must_be_known_code
-from islandgp.scoring.state import PopulationState
-from islandgp.supervision.base import GenerationView, Guidance, RunContext
+from islandgp.supervision.base import RunContext
 from islandgp.supervision.llm.calls import Calls
 from islandgp.supervision.llm.settings import READS, LLMSettings
 from islandgp.supervision.llm.supervisor import Adviser
@@ -39,7 +37,7 @@ class ReplaySettings(BaseModel, frozen=True, extra="forbid"):
         return find_transcript(Path(self.transcript))
 
 
-class Replay:
+class Replay(Adviser):
     """Returns the guidance of a recorded run, under the recorded source."""
 
     name = "replay"
@@ -69,20 +67,4 @@ class Replay:
                 f"Expected the settings of a recorded run at the top of {path}, found"
                 f" {type(error).__name__}: {error}."
             ) from None
-        calls = Calls(None, transcript, recorded, seed=context.seed)
-        return cls(Adviser(recorded, context), calls)
-
-    def __init__(self, adviser: Adviser, calls: Calls) -> None:
-        self.adviser, self._calls = adviser, calls
-
-    def on_generation(self, generation: GenerationView) -> None:
-        """See `GenerationListener`."""
-        self.adviser.on_generation(generation)
-
-    def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
-        """See `Supervisor`.
-
-        Raises:
-            SupervisionError: the transcript has no answer for this state.
-        """
-        return self.adviser.advise(state, rng, self._calls)
+        return cls(recorded, context, Calls(None, transcript, recorded, seed=context.seed))

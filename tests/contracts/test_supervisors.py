@@ -61,7 +61,7 @@ class Recorder:
         live.advise(state, deepcopy(rng))
         live.close()
         calls = Calls(None, live.calls.transcript, live.settings, seed=0)
-        return Replay(live.adviser, calls).advise(state, rng)
+        return Replay(live.settings, live.context, calls).advise(state, rng)
 
 
 def yoked() -> Yoked:

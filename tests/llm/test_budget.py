@@ -15,7 +15,7 @@ from islandgp.errors import ConfigError
 from islandgp.supervision.llm.budget import Ledger
 from islandgp.supervision.llm.client import ServerClient
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage
-from islandgp.supervision.llm.settings import Caps, Price
+from islandgp.supervision.llm.settings import Caps
 from islandgp.supervision.llm.supervisor import LLM
 from islandgp.supervision.llm.transcript import Attempt, Call, Sent, Transcript
 from tests.composed import composed
@@ -315,9 +315,8 @@ def test_a_lost_request_counts_as_the_most_it_can_be(tmp_path: Path) -> None:
     transcript.add(Sent(call, 1, Usage(700, 2048), 0.0))
     reread = Transcript(tmp_path / "transcript.jsonl")
     assert reread.unanswered() == [Sent(call, 1, Usage(700, 2048), 0.0)]
-    price = Price(input=1, output=5, cache_read=0.1, cache_write=1.25)
     caps = Caps(requests=None, input_tokens=700, output_tokens=None, usd=None, seconds=None)
-    ledger = Ledger(reread, price, caps)
+    ledger = Ledger(reread, settings().model_copy(update={"caps": caps}))
     assert ledger.totals()["cost_usd_at_most"] == pytest.approx((700 + 5 * 2048) / 1e6)
     assert "input_tokens=700" in ledger.over(Usage(1, 0))
 
@@ -325,8 +324,8 @@ def test_a_lost_request_counts_as_the_most_it_can_be(tmp_path: Path) -> None:
 def test_a_server_that_counts_nothing_does_not_escape_the_caps() -> None:
     """What it took is unknown, so it is the most that it can be."""
     with MessagesServer(usage=False) as server:
-        client = ServerClient(None, server.url)
-        llm = LLM(settings("caps.output_tokens=9000"), context(), client)
+        policy = settings("caps.output_tokens=9000", f"base_url={server.url}")
+        llm = LLM(policy, context(), ServerClient(policy))
         sources = run_of(llm, 12)
         assert len(server.requests) == 9000 // 2048
     assert sources[-1] == "fallback"

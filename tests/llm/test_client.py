@@ -18,6 +18,7 @@ from typing import Any
 import anthropic
 import httpx2
 import pytest
+from pydantic import SecretStr
 
 from islandgp.errors import IslandError, SupervisionError
 from islandgp.supervision.llm.client import GRACE, HIDDEN, MAX_BODY, ServerClient
@@ -43,10 +44,15 @@ DEADLINE = 0.3  # s
 FOUNDRY = "anthropic:AnthropicFoundry"  # needs no package besides the SDK
 
 
+def server_client(url: str | None, transport: Any = None, **update: Any) -> ServerClient:
+    """The client of a server, with changed settings."""
+    policy = settings().model_copy(update={"base_url": url, **update})
+    return ServerClient(policy, transport)
+
+
 @contextmanager
 def client_of(url: str | None, **options: Any) -> Iterator[ServerClient]:
-    client = ServerClient(KEY, url, **options)
-    client.open()
+    client = server_client(url, api_key=SecretStr(KEY), **options)
     yield client
 
 
@@ -301,7 +307,7 @@ def test_a_cloud_gets_its_credentials(monkeypatch: pytest.MonkeyPatch) -> None:
         token = {"type": "text", "text": "You sent token-0123456789abcdef."}
         return httpx2.Response(200, content=message(content=[token]))
 
-    client = ServerClient(None, None, factory=FOUNDRY, transport=httpx2.MockTransport(reply))
+    client = server_client(None, httpx2.MockTransport(reply), client_factory=FOUNDRY)
     answer = client.send(ASK, seconds=20)
     assert isinstance(answer, Reply), answer
     assert answer.text == f"You sent {HIDDEN}."
@@ -330,10 +336,10 @@ def test_a_function_of_the_user(tmp_path: Path, monkeypatch: pytest.MonkeyPatch)
 
     monkeypatch.setattr("anthropic.AnthropicBedrock", Bedrock)
     with MessagesServer(answer=lambda _: "Hello.") as server:
-        client = ServerClient(None, server.url, factory="clouds:bedrock")
+        client = server_client(server.url, client_factory="clouds:bedrock")
         assert isinstance(client.send(ASK, seconds=20), Reply)
         monkeypatch.setenv("ANTHROPIC_API_KEY", KEY)
-        client = ServerClient(None, server.url, factory="clouds:thinking")
+        client = server_client(server.url, client_factory="clouds:thinking")
         assert isinstance(client.send(ASK, seconds=20), Reply)
     assert server.requests[1] == server.requests[0] | {"thinking": {"type": "adaptive"}}
     (options,) = made
@@ -379,7 +385,7 @@ def test_missing_credentials_stop_a_run() -> None:
 
     with MessagesServer() as server, pytest.MonkeyPatch.context() as patch:
         patch.setattr("anthropic.make_for_test", make, raising=False)
-        client = ServerClient(None, server.url, factory="anthropic:make_for_test")
+        client = server_client(server.url, client_factory="anthropic:make_for_test")
         failure = client.send(ASK, seconds=20)
     assert isinstance(failure, Failure)
     assert failure.kind is FailureKind.UNAUTHORISED

@@ -34,7 +34,7 @@ from tests.profiles import sweep
 def expert_guidance() -> Guidance:
     """The fallback's guidance for the state of these tests."""
     llm, _ = supervisor(answering())
-    return llm.adviser.fallback.advise(state(), stream(0, Stream.SUPERVISION, generation=7))
+    return llm.fallback.advise(state(), stream(0, Stream.SUPERVISION, generation=7))
 
 
 def test_both_answers_make_the_guidance() -> None:

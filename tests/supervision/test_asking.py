@@ -116,7 +116,7 @@ def test_a_tree_of_another_domain_ends_a_run() -> None:
 def test_a_fallback_is_checked_alike() -> None:
     """The expert of a language model may be another class, which is checked as any other."""
     llm, _ = supervisor(answering(rate="", tree=""))
-    llm.adviser.fallback = Answers(None)
+    llm.fallback = Answers(None)
     with pytest.raises(SupervisionError, match="a Guidance, found None"):
         llm.advise(state([snapshot(0)]), np.random.default_rng(0))
 

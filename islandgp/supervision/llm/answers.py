@@ -235,12 +235,12 @@ def read_answer(reply: Reply, model: type[A]) -> A | Rejection:
             fault = no_word if cut_off else "an empty answer"
         return Rejection(RejectionStage.JSON, f"Expected one JSON object, found {fault}.")
 
-    def rank(place: int) -> tuple[bool, bool, int]:
-        present = [field in objects[place] for field in model.model_fields]
-        return all(present), any(present), place
+    def rank(found: dict[str, Any]) -> tuple[bool, bool]:
+        present = [field in found for field in model.model_fields]
+        return all(present), any(present)
 
     try:
-        return model.model_validate(objects[max(range(len(objects)), key=rank)])
+        return model.model_validate(max(reversed(objects), key=rank))
     except ValidationError as error:
         return Rejection(RejectionStage.FIELDS, "\n".join(faults(error).values()))
 

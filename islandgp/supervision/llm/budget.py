@@ -126,9 +126,9 @@ def wait_for_turn(
 class Ledger:
     """The costs of a run, summed over its transcript."""
 
-    def __init__(self, transcript: Transcript, price: Price | None, caps: Caps) -> None:
-        """Makes the ledger of a run; price=None: dollars are not counted."""
-        self.transcript, self.price, self.caps = transcript, price, caps
+    def __init__(self, transcript: Transcript, settings: LLMSettings) -> None:
+        """Makes the ledger of a run; without a price dollars are not counted."""
+        self.transcript, self.price, self.caps = transcript, settings.price, settings.caps
 
     def over(self, next_at_most: Usage, waited: float = 0.0) -> str:
         """A text on the cap that another request could exceed; "" for none.

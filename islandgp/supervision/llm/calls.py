@@ -77,7 +77,7 @@ class Calls:
         """
         self.client, self.transcript, self.settings = client, transcript, settings
         self.seed, self.sleep = seed, sleep
-        self.ledger = Ledger(transcript, settings.price, settings.caps)
+        self.ledger = Ledger(transcript, settings)
 
     def ask(self, call: Call, request: Request) -> Reply | Failure:
         """The answer to a call after all attempts.

@@ -11,9 +11,8 @@ import json
 import os
 import re
 import time
-from abc import ABC, abstractmethod
+from collections.abc import Callable
 from contextlib import suppress
-from functools import partial
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
@@ -36,6 +35,7 @@ from islandgp.supervision.llm.message import (
     read_body,
     refused,
 )
+from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.threads import in_thread
 
 if TYPE_CHECKING:
@@ -52,63 +52,37 @@ SECRET: Final = re.compile("key|token|secret|password")  # attributes of a clien
 SHORTEST: Final = 8  # characters of a secret; a shorter key belongs to a local server
 
 
-class ThreadClient(Client, ABC):
-    """A client whose attempts run in threads; see `Client`."""
-
-    @abstractmethod
-    def open(self) -> None:
-        """Imports packages or loads a model: seconds that do not count toward an attempt."""
-
-    @abstractmethod
-    def attempt(self, request: Request, seconds: float) -> Reply | Failure:
-        """Makes one attempt, which may last longer than the deadline."""
-
-    def send(self, request: Request, *, seconds: float) -> Reply | Failure:
-        """See `Client`."""
-        self.open()
-        try:
-            return in_thread(lambda: self.attempt(request, seconds)).result(seconds + GRACE)
-        except TimeoutError:
-            return Failure(FailureKind.TIMEOUT, f"no complete answer within {seconds:g} s; {MORE}")
+def within(seconds: float, attempt: Callable[[], Reply | Failure]) -> Reply | Failure:
+    """The result of an attempt, which goes on in its thread if it is too late."""
+    try:
+        return in_thread(attempt).result(seconds + GRACE)
+    except TimeoutError:
+        return Failure(FailureKind.TIMEOUT, f"no complete answer within {seconds:g} s; {MORE}")
 
 
-class ServerClient(ThreadClient):
+class ServerClient:
     """Sends requests by a client of the SDK. Each request has a connection of its own."""
 
     def __init__(
-        self,
-        key: str | None,
-        base_url: str | None,
-        *,
-        interface: str = "anthropic",
-        factory: str | None = None,
-        transport: httpx2.BaseTransport | None = None,
+        self, settings: LLMSettings, transport: httpx2.BaseTransport | None = None
     ) -> None:
-        """Opens no connection.
-
-        Args:
-            key: API key or token; None for a local server without one.
-            base_url: of the server; None: the address of the SDK's client.
-            interface: a key of INTERFACES.
-            factory: see `sdk_client`.
-            transport: replaces the network in tests.
-        """
-        self._make = partial(sdk_client, factory, key, base_url, interface, transport)
-        self._interface = interface
-        self._secrets = [key or ""]
+        """Opens no connection; `transport` replaces the network in tests."""
+        self._settings, self._transport = settings, transport
+        self._secrets = [settings.key or ""]  # values that are removed from answers
         self._sdk: Any = None
 
-    def open(self) -> None:
-        """See `ThreadClient`."""
+    def send(self, request: Request, *, seconds: float) -> Reply | Failure:
+        """See `Client`. The import of the SDK does not count toward the first attempt."""
         if self._sdk is None:
-            self._sdk = self._make()
+            self._sdk = sdk_client(self._settings, self._transport)
             self._secrets += [str(v) for name, v in vars(self._sdk).items() if SECRET.search(name)]
 
-    def attempt(self, request: Request, seconds: float) -> Reply | Failure:
-        """See `ThreadClient`."""
+        return within(seconds, lambda: self._attempt(request, seconds))
+
+    def _attempt(self, request: Request, seconds: float) -> Reply | Failure:
         import httpx2
 
-        interface = INTERFACES[self._interface]
+        interface = INTERFACES[self._settings.interface]
         errors = import_module(interface.sdk.partition(":")[0])
         headers = {"accept-encoding": "identity", **interface.headers}
         try:
@@ -118,7 +92,7 @@ class ServerClient(ThreadClient):
                 body=interface.body(request),
                 options={"headers": headers, "timeout": seconds},
             )
-            return read_body(self._interface, self._hide(response.text))
+            return read_body(self._settings.interface, self._hide(response.text))
         except errors.APIStatusError as error:
             text = getattr(error, "api_message", None) or error_text(error.body)
             where = error.response.headers.get("location")
@@ -151,27 +125,20 @@ def _kind_of(cause: BaseException) -> FailureKind:
     return FailureKind.UNAUTHORISED if lacks_credentials else FailureKind.MALFORMED
 
 
-def sdk_client(
-    factory: str | None,
-    key: str | None,
-    base_url: str | None,
-    interface: str = "anthropic",
-    transport: httpx2.BaseTransport | None = None,
-) -> Any:
+def sdk_client(settings: LLMSettings, transport: httpx2.BaseTransport | None = None) -> Any:
     """A client of the SDK, without a connection.
 
+    `client_factory` makes it from the keyword arguments `http_client`, `max_retries` and, if it is
+    set, `base_url`. The SDK's own client gets the key as well.
+
     Args:
-        factory: path of a class or function, "module:name", that makes a client of the SDK from the
-            keyword arguments `http_client`, `max_retries` and, if it is set, `base_url`. None: the
-            SDK's own client, which gets the key as well.
-        key: of the API; None: of a local server without one.
-        base_url: of the server; None: the client's own.
-        interface: a key of INTERFACES.
+        settings: of the model.
         transport: replaces the network in tests.
 
     Raises:
         SupervisionError: the factory cannot be imported, or raises an exception.
     """
+    interface, factory, base_url = settings.interface, settings.client_factory, settings.address
     sdk = INTERFACES[interface].sdk
     package = sdk.partition(":")[0]
     if factory is None and find_spec(package) is None:
@@ -179,7 +146,7 @@ def sdk_client(
             f"Expected the package {package} for supervisor.policy.interface={interface}, found"
             f" none; install it by pip install 'islandgp[{interface}]'."
         )
-    options: dict[str, Any] = {} if factory else {"api_key": key or "none"}
+    options: dict[str, Any] = {} if factory else {"api_key": settings.key or "none"}
     if base_url is not None:
         has_path = interface == "anthropic" or urlsplit(base_url).path.strip("/")
         options["base_url"] = base_url if has_path else base_url.rstrip("/") + "/v1"
@@ -251,7 +218,7 @@ def model_file(model: str) -> Path:
     return path
 
 
-class LocalClient(ThreadClient):
+class LocalClient:
     """Loads the model with the first request; see `Client`."""
 
     def __init__(self, model: str) -> None:
@@ -260,7 +227,7 @@ class LocalClient(ThreadClient):
         self._busy = Lock()  # held by a request, also if it is too late
 
     def open(self) -> None:
-        """See `ThreadClient`.
+        """Loads the model, which takes seconds.
 
         Raises:
             SupervisionError: the file is not a model that llama.cpp can load.
@@ -283,8 +250,12 @@ class LocalClient(ThreadClient):
                 f" {self.model} ({error})."
             ) from None
 
-    def attempt(self, request: Request, seconds: float) -> Reply | Failure:  # noqa: ARG002 -- the base's
-        """See `ThreadClient`. The next request waits until one that is too late has ended."""
+    def send(self, request: Request, *, seconds: float) -> Reply | Failure:
+        """See `Client`. The next request waits until one that is too late has ended."""
+        self.open()
+        return within(seconds, lambda: self._attempt(request))
+
+    def _attempt(self, request: Request) -> Reply | Failure:
         with self._busy:
             try:
                 answer = self._server.handle_chat_completions(
@@ -293,3 +264,9 @@ class LocalClient(ThreadClient):
             except Exception as error:  # of llama.cpp, for a grammar or a prompt that it refuses
                 return refused(400, str(error), {})
         return read_body("local", json.dumps(answer))
+
+
+def client_of(settings: LLMSettings) -> Client:
+    """The client of a model, without a connection."""
+    is_local = settings.interface == "local"
+    return LocalClient(settings.model) if is_local else ServerClient(settings)

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import logging
 from dataclasses import replace
-from functools import cached_property
 from typing import Any, Final
 
 import numpy as np
@@ -27,7 +26,7 @@ from islandgp.supervision.llm.calls import (
     converse,
     supported,
 )
-from islandgp.supervision.llm.client import LocalClient, ServerClient, model_file, sdk_client
+from islandgp.supervision.llm.client import client_of, model_file, sdk_client
 from islandgp.supervision.llm.message import (
     CHARGED,
     HOPELESS,
@@ -45,17 +44,14 @@ from islandgp.supervision.llm.transcript import NAME, Call, Conclusion, Start, T
 SMALL: Final = {"smollm2-135m": "135 million parameters: valid trees, little judgement"}
 """What to expect of small models."""
 
-_WAYS: Final = """\
-Expected a key or an address for supervisor=llm, found none. There are five ways:
-  1. the Anthropic API: set ANTHROPIC_API_KEY (or ANTHROPIC_AUTH_TOKEN) in the environment;
-  2. a local server with the same API (Ollama, vLLM, llama.cpp):
-     supervisor.policy.base_url=http://localhost:11434 supervisor.policy.model=<its model>;
-     OpenAI's or another chat-completions API: supervisor.policy.interface=chat as well;
-  3. a cloud such as Amazon Bedrock or Google Vertex AI:
-     supervisor.policy.client_factory=anthropic:AnthropicBedrock (docs/llm.md, Clouds);
-  4. a small model in this process: supervisor=local (docs/llm.md, Quick start);
-  5. no model: supervisor=expert works offline and free of charge, and
-     supervisor=replay supervisor.policy.transcript=<a run's folder> repeats a recorded run."""
+_WAYS: Final = (
+    "Expected a key or an address for supervisor=llm, found none; set ANTHROPIC_API_KEY in the"
+    " environment, or supervisor.policy.base_url=http://localhost:11434 and supervisor.policy.model"
+    " for a server of your own, with supervisor.policy.interface=chat for OpenAI's API, or"
+    " supervisor.policy.client_factory for a cloud (docs/llm.md). supervisor=local runs a small"
+    " model in this process, supervisor=expert works without one, and supervisor=replay repeats a"
+    " recorded run."
+)
 
 _OPENAI: Final = "a server with OpenAI's API only needs supervisor.policy.interface=chat"
 _REMEDIES: Final = {
@@ -86,21 +82,29 @@ class Greeting(ModelAnswer, frozen=True):
 class Adviser:
     """Asks for a rate, a tree and edits, and combines the answers to a guidance."""
 
-    def __init__(self, settings: LLMSettings, context: RunContext) -> None:
+    def __init__(self, settings: LLMSettings, context: RunContext, calls: Calls) -> None:
         """Makes the questions and the fallback. Raises SupervisionError as `Questions`."""
-        self.settings, self.context = settings, context
+        self.settings, self.context, self.calls = settings, context, calls
         self.questions = Questions(settings, context)
         component = settings.fallback
         with plugin_errors(path_of(component.factory)):
             self.fallback: Supervisor = component.factory.make(component.settings(), context)
 
-    def advise(self, state: PopulationState, rng: np.random.Generator, calls: Calls) -> Guidance:
-        """Asks for all parts of the guidance; the fallback provides those without a usable answer.
+    def on_generation(self, generation: GenerationView) -> None:
+        """See `GenerationListener`."""
+        self.questions.on_generation(generation)
+
+    def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
+        """See `Supervisor`. The fallback provides the parts without a usable answer.
 
         `rng` is consumed by the fallback.
+
+        Raises:
+            SupervisionError: no server answers and `on_outage` is "stop", no request can succeed,
+                e.g. with an invalid key, or a replay's transcript has no answer for this state.
         """
         questions = self.questions
-        answers = {part: self._answer(part, state, calls) for part in questions.parts}
+        answers = {part: self._answer(part, state) for part in questions.parts}
         missing = sum(advice is None for advice, _ in answers.values())
         backup = ask(self.fallback, state, rng) if missing else None
         values: dict[str, Any] = {"notes": {}, "episodes": sum(questions.episodes.values())}
@@ -111,28 +115,24 @@ class Adviser:
         source = "llm" if not missing else "llm and fallback" * (missing < len(answers))
         return replace(Guidance(None, None, source or "fallback"), **values)
 
-    def on_generation(self, generation: GenerationView) -> None:
-        """See `GenerationListener`."""
-        self.questions.on_generation(generation)
-
-    def _answer(self, part: str, state: PopulationState, calls: Calls) -> Answer:
+    def _answer(self, part: str, state: PopulationState) -> Answer:
         """Asks for a part of the guidance, unless the model is no longer asked."""
         generation, questions = state.now.generation, self.questions
         questions.episodes[part] = 0
-        if reason := self._given_up(calls, generation, part):
+        if reason := self._given_up(generation, part):
             failed = reason.partition(":")[0]
             end = Conclusion(generation, part, "fallback", reason, (), failed)
-            return None, concluded(calls, end)
+            return None, concluded(self.calls, end)
         request, check = questions.request(part, state), questions.check(part, state)
-        return converse(calls, questions, Call(generation, part, 0), request, check)
+        return converse(self.calls, questions, Call(generation, part, 0), request, check)
 
-    def _given_up(self, calls: Calls, generation: int, part: str) -> str:
+    def _given_up(self, generation: int, part: str) -> str:
         """The reason if the model is not asked for this part of a generation; "" if it is.
 
         A rejected answer is useless, and so is a failure that may be charged; others are skipped.
         """
         parts, useless = self.questions.parts, 0
-        for end in calls.transcript.parts:
+        for end in self.calls.transcript.parts:
             if (end.generation, parts.index(end.part)) >= (generation, parts.index(part)):
                 continue  # a resumed run asks again
             if end.failed in HOPELESS:
@@ -147,7 +147,7 @@ class Adviser:
         return f"{FailureKind.USELESS}: {found}"
 
 
-class LLM:
+class LLM(Adviser):
     """Asks a model, records every attempt, and uses the fallback without a usable answer."""
 
     name = "llm"
@@ -167,7 +167,7 @@ class LLM:
                 " ANTHROPIC_API_KEY to the key alone."
             )
         elif factory is not None or settings.interface == "chat":
-            sdk_client(factory, "none", address, settings.interface)
+            sdk_client(settings)
         if address is not None:
             try:
                 check_address(address)
@@ -182,16 +182,9 @@ class LLM:
 
     def __init__(self, settings: LLMSettings, context: RunContext, client: Client) -> None:
         """Sends and writes nothing; `start` or the first `advise` does."""
-        self.settings, self.context, self.client = settings, context, client
-        self.adviser = Adviser(settings, context)
+        transcript = Transcript(None if context.folder is None else context.folder / NAME)
+        super().__init__(settings, context, Calls(client, transcript, settings, seed=context.seed))
         self._warned: set[str] = set()
-
-    @cached_property
-    def calls(self) -> Calls:
-        """The calls of the run, with its transcript."""
-        folder = self.context.folder
-        transcript = Transcript(None if folder is None else folder / NAME)
-        return Calls(self.client, transcript, self.settings, seed=self.context.seed)
 
     def start(self) -> str:
         """See `SupervisorLifecycle`. Opens the transcript and probes the server."""
@@ -209,20 +202,11 @@ class LLM:
         lines = [f"Supervised by {name} at {self.settings.place}: {server}", SMALL.get(name, "")]
         return "\n".join(filter(None, lines))
 
-    def on_generation(self, generation: GenerationView) -> None:
-        """See `GenerationListener`."""
-        self.adviser.on_generation(generation)
-
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
-        """See `Supervisor`. After a failure the guidance is that of the fallback.
-
-        Raises:
-            SupervisionError: no server answers and `on_outage` is "stop", or no request can
-                succeed, e.g. with an invalid key.
-        """
+        """See `Adviser`."""
         if self.calls.transcript.start is None:
             self.start()
-        guidance = self.adviser.advise(state, rng, self.calls)
+        guidance = super().advise(state, rng)
         self._warn(guidance, state.now.generation)
         return guidance
 
@@ -297,15 +281,3 @@ def probe(calls: Calls, settings: LLMSettings) -> str:
     output = "decoding by a grammar" if known.grammar else output
     heat = "no temperature" if known.temperature is None else f"temperature {known.temperature:g}"
     return f"{output}, {heat}"
-
-
-def client_of(settings: LLMSettings) -> Client:
-    """The client of a model, without a connection."""
-    if settings.interface == "local":
-        return LocalClient(settings.model)
-    return ServerClient(
-        settings.key,
-        settings.address,
-        interface=settings.interface,
-        factory=settings.client_factory,
-    )

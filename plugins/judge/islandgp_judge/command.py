@@ -12,8 +12,9 @@ from islandgp.commands.setting import configured
 from islandgp.config.settings import Settings
 from islandgp.errors import ConfigError
 from islandgp.supervision.editor import EditorSettings
+from islandgp.supervision.llm.client import client_of
 from islandgp.supervision.llm.settings import LLMSettings
-from islandgp.supervision.llm.supervisor import LLM, client_of
+from islandgp.supervision.llm.supervisor import LLM
 from islandgp_judge.judge import (
     HEAD,
     POPULATIONS,
