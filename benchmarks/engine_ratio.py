@@ -56,7 +56,7 @@ def pairs(
     rows, steps = [], steps_of(world)
     for seed in range(SEEDS[effort]):
         episode = run_episode(example("all_rounder"), world, seed, points())
-        assert episode.steps == steps, f"seed {seed} ended after {episode.steps} steps"
+        assert episode.step == steps, f"seed {seed} ended after {episode.step} steps"
         for _ in range(ROUNDS[effort]):
             rows += turns([side(world, seed), _bare(world, seed, steps)], 1, clock=process_time)
     return rows

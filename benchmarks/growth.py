@@ -116,7 +116,7 @@ def _episodes(
 
     sides = [side(tree, world) for tree, world in zip(trees, worlds, strict=True)]
     steps = [
-        sum(run_episode(tree, world, seed, award).steps for seed in seeds)
+        sum(run_episode(tree, world, seed, award).step for seed in seeds)
         for tree, world in zip(trees, worlds, strict=True)
     ]
     planned = round(worlds[0].episode.length / worlds[0].episode.step)

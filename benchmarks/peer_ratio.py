@@ -98,7 +98,7 @@ def _singles(effort: Effort, world: IslandWorld) -> tuple[list[tuple[float, ...]
     theirs, ours = [0, 0], [0, 0]  # pickups, deliveries
     for seed in range(SINGLE[effort]):
         peer = run_peer_episode(tree, world, seed, award)
-        kinds = [event for _, event, _ in run_episode(tree, world, seed, award).events]
+        kinds = [event for _, event, _ in run_episode(tree, world, seed, award).event_log.events]
         for i, event in enumerate(("pickup", "delivery")):
             theirs[i] += peer.counts.get(event, 0)
             ours[i] += kinds.count(event)

@@ -9,8 +9,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import IntEnum
+from typing import TypeAlias
 
 import numpy as np
+
+Rng: TypeAlias = np.random.Generator
+"""A random stream; functions consume it."""
 
 
 class Stream(IntEnum):
@@ -38,12 +42,10 @@ class Stream(IntEnum):
     RESAMPLING = 100  # a comparison's bootstrap, by world; generation 1: a second sample; seed 0
 
 
-def stream(
-    seed: int, purpose: Stream, *, generation: int = 0, slot: int = 0
-) -> np.random.Generator:
+def stream(seed: int, purpose: Stream, *, generation: int = 0, slot: int = 0) -> Rng:
     """The generator of one purpose; calling it twice gives the same draws twice."""
     key = np.random.SeedSequence(seed, spawn_key=(int(purpose), generation, slot))
-    return np.random.Generator(np.random.PCG64(key))
+    return Rng(np.random.PCG64(key))
 
 
 def seed_of(seed: int, purpose: Stream, *, generation: int = 0, slot: int = 0) -> int:
@@ -57,8 +59,6 @@ class Streams:
 
     seed: int
 
-    def __call__(
-        self, purpose: Stream, *, generation: int = 0, slot: int = 0
-    ) -> np.random.Generator:
+    def __call__(self, purpose: Stream, *, generation: int = 0, slot: int = 0) -> Rng:
         """The generator of one purpose; calling it twice gives the same draws twice."""
         return stream(self.seed, purpose, generation=generation, slot=slot)

@@ -7,10 +7,11 @@ import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import reduce
+from inspect import get_annotations
 from operator import add
-from typing import Any, ClassVar, Final, Literal, NamedTuple, Protocol, Self
+from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, Protocol, Self
 
-from pydantic import BaseModel
+from pydantic import BaseModel, Field
 
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.parameters import validated
@@ -63,11 +64,12 @@ class Schema:
     task: str  # the robot's task, one paragraph; for the documentation and for prompts
     counters: Mapping[str, Counter] = field(default_factory=dict)
     """Quantities counted in an episode; by default the number of times each event happened."""
-    habits: Sequence[str] = ()  # properties of good trees, one sentence each; for prompts
+    habits: tuple[str, ...] = ()  # properties of good trees, one sentence each; for prompts
     endings: Mapping[str, str] = field(default_factory=dict)
     """Meaning of each reason why an episode ended (`Outcome.endings`); for prompts."""
     styles: Mapping[str, ShapeStyle] = field(default_factory=dict)  # by Shape.style; {}: not drawn
-    delay: int = 0  # ticks by which perturbed worlds may delay what the tree sees, at most
+    delay: Annotated[int, Field(ge=0, le=MAX_DELAY)] = 0
+    """Ticks by which perturbed worlds may delay what the tree sees, at most."""
 
     def __post_init__(self) -> None:
         """Checks the declarations; without counters, declares one per event."""
@@ -77,25 +79,10 @@ class Schema:
                     f"Expected at least one {kind} in the domain {self.vocabulary.domain}, found"
                     f" none; declare it in its Schema."
                 )
-        of_domain = f"of the domain {self.vocabulary.domain}"
-        kinds: dict[str, Any] = {
-            "component": Mapping[str, str],
-            "event": Mapping[str, Event],
-            "counter": Mapping[str, Counter],
-            "style": Mapping[str, ShapeStyle],
-            "ending": Mapping[str, str],
-        }
-        for name, kind in kinds.items():
-            validated(kind, getattr(self, f"{name}s"), f"the {name} {{}} {of_domain}")
-        if isinstance(self.habits, str):
-            raise DomainError(
-                f"Expected a tuple of sentences as the habits {of_domain}, found one text; write"
-                " ('...',)."
-            )
-        if not (isinstance(self.delay, int) and 0 <= self.delay <= MAX_DELAY):
-            raise DomainError(
-                f"Expected a delay of 0 to {MAX_DELAY:,} ticks {of_domain}, found {self.delay!r}."
-            )
+        kinds = get_annotations(Schema, eval_str=True)
+        for name in ("components", "events", "counters", "habits", "endings", "styles", "delay"):
+            where = f"the {name} of the domain {self.vocabulary.domain}"
+            validated(kinds[name], getattr(self, name), where)
         if not self.counters:
             counted = {name: Counter(event.meaning) for name, event in self.events.items()}
             object.__setattr__(self, "counters", counted)

@@ -6,7 +6,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from difflib import get_close_matches
 from math import inf
-from typing import Final
 
 from pydantic import BaseModel, Field, FiniteFloat, model_validator
 
@@ -86,34 +85,21 @@ def unknown(path: str, name: str, known: Mapping[str, object]) -> Iterator[str]:
 Worth = Callable[[str, float], tuple[str, float]]
 """(event, amount) -> (component, points)."""
 
-NO_REWARD: Final = Reward(component="")
-
 
 def worth(table: RewardTable, weights: Mapping[str, float]) -> Worth:
     """The function of an event's points by its amount: a term of Eq. (1)."""
     rows = {}
     for event, reward in table.events.items():
-        name = reward.component
-        rows[event] = (
-            name,
-            _points(reward),
-            float(weights.get(name, 1.0)) / table.maxima.get(name, 1.0),
-        )
-    no_reward = ("", NO_REWARD.points, 0.0)
+        scale = float(weights.get(reward.component, 1.0)) / table.maxima.get(reward.component, 1.0)
+        rows[event] = reward.component, reward.points, scale
 
     def value(event: str, amount: float) -> tuple[str, float]:
-        component, points, scale = rows.get(event, no_reward)
+        if event not in rows:
+            return "", 0.0
+        component, points, scale = rows[event]
         return component, scale * points(amount)
 
     return value
-
-
-def _points(reward: Reward) -> Callable[[float], float]:
-    """`Reward.points` of a row, faster for a linear one."""
-    if reward.bands or reward.over is not None:
-        return reward.points
-    base, per_unit = reward.base, reward.per_unit
-    return lambda amount: base + per_unit * amount
 
 
 class EventLog:

@@ -11,10 +11,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
 
-import numpy as np
-
 from islandgp.bt.core.vocabulary import Key
-from islandgp.seeding import Stream, stream
+from islandgp.seeding import Rng, Stream, stream
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,9 +30,7 @@ class SensorFaults:
 class Sensors:
     """The sensors of one episode; called once per tick."""
 
-    def __init__(
-        self, faults: SensorFaults, keys: Mapping[str, Key], rng: np.random.Generator
-    ) -> None:
+    def __init__(self, faults: SensorFaults, keys: Mapping[str, Key], rng: Rng) -> None:
         """`rng` is consumed, here and in each tick."""
         self._rng = rng
         self._noisy = [

@@ -16,8 +16,7 @@ episode's end, is closed, so that its `finally` runs.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
-from contextlib import contextmanager
+from collections.abc import Callable, Mapping
 from copy import copy
 from functools import cache, wraps
 from math import isfinite
@@ -29,21 +28,11 @@ from pydantic import BaseModel
 
 from islandgp.bt.core.engine import compile_tree
 from islandgp.bt.core.node import ActionArgs, Node
-from islandgp.bt.core.vocabulary import Key
-from islandgp.domain.checks import (
-    fault_of,
-    must_be_counters,
-    must_be_values,
-    must_last,
-    must_take,
-    no_ending,
-    range_of,
-)
+from islandgp.domain.checks import ANY_NUMBER, ValueRange, must_be_numbers, no_ending
 from islandgp.domain.contract import Observer, Outcome, Schema, wants_scenes
 from islandgp.domain.rewards import EventLog, RewardTable
 from islandgp.domain.sensors import SensorFaults
 from islandgp.leaves import Leaf, LeafRunner
-from islandgp.plugin import short_repr
 from islandgp.time_limit import Overdue
 
 P = ParamSpec("P")
@@ -102,8 +91,6 @@ class SimulatorDomain:
     faults: SensorFaults | None = None  # between the world and the blackboard
 
     def __init__(self, world: Any, rewards: RewardTable) -> None:
-        """Raises DomainError if `step_s` or the setting `ticks` is missing or out of range."""
-        must_last(type(self), world, self.step_s)
         self.world = world
         self.rewards = rewards
 
@@ -138,20 +125,9 @@ class SimulatorDomain:
 
         Returns:
             The episode, a `Simulation`, and its leaf function for each action of the vocabulary.
-
-        Raises:
-            DomainError: the class has no Episode, or it has no method for an action.
         """
-        kind = getattr(type(self), "Episode", None)
-        if kind is None:
-            expected = f"a class Episode in {type(self).__name__}"
-            raise fault_of(type(self), expected, "none", "write `Episode = ...` there")
-        try:
-            episode: Any = kind(self.world, seed, log)
-        except TypeError as error:
-            must_take(kind, 3, error, "an Episode that is made as Episode(world, seed, log)")
-            raise
-        return episode, {name: _leaf(episode, name) for name in self.schema.vocabulary.actions}
+        episode: Any = type(self).Episode(self.world, seed, log)
+        return episode, {name: getattr(episode, name) for name in self.schema.vocabulary.actions}
 
     def run_episode(
         self, tree: Node, seed: int, weights: Mapping[str, float], observer: Observer | None = None
@@ -189,41 +165,25 @@ class SimulatorDomain:
         if self.faults is not None:
             see = self.faults.sensors(sensed, seed)
         done, ending, most = 0, "", self.world.ticks
-        with self._calls_named(episode, leaves):
-            while not ending and done < most:
-                values = read() if see is None else see(read())
-                if initial:
-                    for place, value in zip(places, values, strict=True):
-                        board[place] = value
-                else:
-                    board[:] = values
-                tick()
-                done += 1
-                if observer is not None:
-                    observer.tick(board, scene())
-                ending = step()
-                if ending and not isinstance(ending, str):
-                    raise no_ending(ending, step)
-            for runner in runners:
-                runner.stop()
-            counters = _counters(self.schema, log, measures)
+        while not ending and done < most:
+            values = read() if see is None else see(read())
+            if initial:
+                for place, value in zip(places, values, strict=True):
+                    board[place] = value
+            else:
+                board[:] = values
+            tick()
+            done += 1
+            if observer is not None:
+                observer.tick(board, scene())
+            ending = step()
+            if ending and not isinstance(ending, str):
+                raise no_ending(ending, step)
+        for runner in runners:
+            runner.stop()
+        counters = _counters(self.schema, log, measures)
         seconds = float(done * self.step_s)
         return Outcome(log.components, counters, seconds, endings=(ending or "time",))
-
-    @contextmanager
-    def _calls_named(self, episode: Any, leaves: Mapping[str, Leaf]) -> Iterator[None]:
-        """Names the method whose signature is why a TypeError was raised."""
-        try:
-            yield
-        except TypeError as error:
-            for name in ("sense", "step", "measures", "scene", *leaves):
-                if (method := leaves.get(name, getattr(episode, name, None))) is not None:
-                    arguments = [*self.schema.vocabulary.action(name).arguments]
-                    call = f"{name}({', '.join(f'{each}=...' for each in arguments)})"
-                    must_take(
-                        method, 0, error, f"a method {name} that is called as {call}", arguments
-                    )
-            raise
 
     def reader(self, episode: Any) -> Callable[[], list[float]]:
         """Makes a function that reads the blackboard keys of an episode.
@@ -238,48 +198,33 @@ class SimulatorDomain:
         sense = episode.sense
         keys = {n: key for n, key in self.schema.vocabulary.keys.items() if not key.writable}
         enumerated = {name: key for name, key in keys.items() if key.words}
-        lows, mosts = ([range_of(key)[end] for key in keys.values()] for end in range(2))
+        ranges = {name: ValueRange.of(key) for name, key in keys.items()}
+        lows, mosts = ([each[end] for each in ranges.values()] for end in range(2))
 
         def read() -> list[float]:
             values = sense()
             if enumerated and isinstance(values, Mapping):
-                values = {**values, **_indices(values, enumerated)}
+                named = enumerated.keys() & values.keys()
+                values = {**values, **{n: enumerated[n].indexed(values[n]) for n in named}}
             try:
                 board = [values[key] for key in keys]
                 in_range = all(map(le, lows, board)) and all(map(ge, mosts, board))
                 if not (in_range and isfinite(sum(board))) or len(values) != len(keys):
-                    must_be_values(keys, values, sense)
+                    must_be_numbers(values, "key", ranges, keys, sense)
             except (KeyError, TypeError, IndexError):
-                must_be_values(keys, values, sense)
+                must_be_numbers(values, "key", ranges, keys, sense)
                 raise
             return [*map(float, board)]
 
         return read
 
 
-def _leaf(episode: Any, name: str) -> Leaf:
-    """The episode's method for an action. Raises DomainError if there is none."""
-    method = getattr(episode, name, None)
-    if not callable(method):
-        expected = f"a method {name} in {type(episode).__name__} for the action of that name"
-        found = "none" if method is None else short_repr(method)
-        raise fault_of(type(episode), expected, found)
-    leaf: Leaf = method
-    return leaf
-
-
-def _indices(values: Mapping[str, Any], enumerated: Mapping[str, Key]) -> dict[str, Any]:
-    """The values of keys with words as indices; invalid values are converted to texts."""
-    indices = {
-        name: key.indexed(values[name]) for name, key in enumerated.items() if name in values
-    }
-    return {n: v if v in range(len(enumerated[n].words)) else str(v) for n, v in indices.items()}
-
-
 def _counters(schema: Schema, log: EventLog, measures: Any) -> dict[str, float]:
     """The value of each counter. Raises DomainError for wrong values from `measures`."""
     measured = measures()
-    must_be_counters(schema, measured, measures)
+    ranges = dict.fromkeys(schema.counters, ANY_NUMBER)
+    others = [name for name in schema.counters if name not in schema.events]
+    must_be_numbers(measured, "counter", ranges, others, measures)
     return {name: float(measured.get(name, log.counts.get(name, 0))) for name in schema.counters}
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from math import inf
 from time import perf_counter
 
 from islandgp.bt.core.language import to_text
@@ -114,19 +113,15 @@ def evaluate(
     n, stage = plan.gp.episodes, plan.curriculum.stage(generation)
     made: list[Individual] = []
     texts: list[str] = []
-    first = inf
 
     def jobs() -> Iterator[Job]:
-        nonlocal first
         for slot, individual in enumerate(individuals):
             made.append(individual)
             texts.append(to_text(individual.tree))
-            first = min(first, perf_counter())
             for world in worlds_of(plan, worlds, slot):
                 yield Job(texts[-1], stage, world, individual.tree)
 
-    early = getattr(evaluator, "early", False)
-    batch = jobs() if early else list(jobs())
+    batch = jobs() if getattr(evaluator, "early", False) else list(jobs())
     started = perf_counter()
     outcomes = evaluator.evaluate(batch)
     results = []
@@ -137,7 +132,7 @@ def evaluate(
         labels = classify(o, plan.classes)
         results.append(Evaluated(individual, o, labels, o.fitness, points, excess))
     records = tuple([to_record(e, text) for e, text in zip(results, texts, strict=True)])
-    return tuple(results), records, first if early else started
+    return tuple(results), records, started
 
 
 def mean_outcome(outcomes: Sequence[Outcome]) -> Outcome:

@@ -12,8 +12,6 @@ from math import inf
 from statistics import fmean
 from typing import Final
 
-import numpy as np
-
 from islandgp.bt.analysis.simplify import simplify
 from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.language import to_text
@@ -24,7 +22,7 @@ from islandgp.gp.random_trees import TreeSpace, random_tree
 from islandgp.gp.selection import by_rank
 from islandgp.gp.variation import CROSSOVERS, MutationSettings, mutate
 from islandgp.scoring.classes import Classes
-from islandgp.seeding import Stream, seed_of, stream
+from islandgp.seeding import Rng, Stream, seed_of, stream
 
 COMPACT: Final = Limits(max_depth=4, max_nodes=12)  # section 2.4.6: trees of about ten nodes
 POOL: Final = 200  # random trees at the start
@@ -97,9 +95,7 @@ def single_behaviours(
         yield behaviour, next((t for t in pruned if tried.score(t, behaviour)[0] > 0), None)
 
 
-def _child(
-    rng: np.random.Generator, parents: Sequence[Node], space: TreeSpace, mutation: MutationSettings
-) -> Node:
+def _child(rng: Rng, parents: Sequence[Node], space: TreeSpace, mutation: MutationSettings) -> Node:
     """A mutant of a parent, or of a crossover of two."""
     first, second = by_rank(rng, parents), by_rank(rng, parents)
     tree = CROSSOVERS["subtree"](rng, first, second, space.limits) if rng.random() < 0.5 else first

@@ -13,8 +13,6 @@ from functools import wraps
 from math import exp, floor, log10
 from typing import Any, Final
 
-import numpy as np
-
 from islandgp.bt.analysis.simplify import simplify
 from islandgp.bt.core.condition import (
     ConditionExpr,
@@ -44,8 +42,9 @@ from islandgp.bt.core.node import (
 from islandgp.bt.core.parameters import MAX_MAGNITUDE, argument_values, leaf_of, referenced
 from islandgp.bt.core.vocabulary import Key
 from islandgp.gp.random_trees import TreeSpace, moved_number, random_abort, random_leaf, random_term
+from islandgp.seeding import Rng
 
-Mutation = Callable[[np.random.Generator, Node, TreeSpace, Any], Node]
+Mutation = Callable[[Rng, Node, TreeSpace, Any], Node]
 """(rng, tree, space, its `MutationSettings`) -> the changed tree."""
 
 
@@ -54,7 +53,7 @@ def of_node(admits: Callable[[Node, TreeSpace], object]) -> Callable[[Mutation],
 
     def of_tree(change: Mutation) -> Mutation:
         @wraps(change)
-        def mutation(rng: np.random.Generator, tree: Node, space: TreeSpace, settings: Any) -> Node:
+        def mutation(rng: Rng, tree: Node, space: TreeSpace, settings: Any) -> Node:
             places = [(i, node) for i, node in enumerate(walk(tree)) if admits(node, space)]
             if not places:
                 return tree
@@ -78,7 +77,7 @@ FINE: Final = 200  # tuned thresholds are multiples of about range / FINE
 TUNE_ALL: Final = 0.3  # probability that `tune` changes all numbers of a tree, not only one
 
 
-def random_branch(rng: np.random.Generator, space: TreeSpace) -> Node:
+def random_branch(rng: Rng, space: TreeSpace) -> Node:
     """A guarded branch: `when CONDITION { ACTION }`, or with a short sequence of actions.
 
     If the first action declares `to_start`, the guard is this condition with probability 1/2.
@@ -99,7 +98,7 @@ def _actions(tree: Node) -> Iterator[Node]:
     return (node for node in walk(tree) if node.action)
 
 
-def _random_body(rng: np.random.Generator, space: TreeSpace, n: int) -> Node:
+def _random_body(rng: Rng, space: TreeSpace, n: int) -> Node:
     """A sequence of up to `n` random actions, each after its preparations; or a single action.
 
     No action is added to a sequence of three or more.
@@ -112,7 +111,7 @@ def _random_body(rng: np.random.Generator, space: TreeSpace, n: int) -> Node:
     return actions[0] if len(actions) == 1 else sequence(*actions)
 
 
-def _prepared(rng: np.random.Generator, name: str, space: TreeSpace) -> list[str]:
+def _prepared(rng: Rng, name: str, space: TreeSpace) -> list[str]:
     """The action, preceded by some of those that it declares as `after`, recursively."""
     names = [name]
     options = list(space.vocabulary.action(name).after)
@@ -122,13 +121,13 @@ def _prepared(rng: np.random.Generator, name: str, space: TreeSpace) -> list[str
     return names
 
 
-def random_list(rng: np.random.Generator, space: TreeSpace) -> Node:
+def random_list(rng: Rng, space: TreeSpace) -> Node:
     """A random priority list: two to five guarded branches, and a last one without a guard."""
     branches = [random_branch(rng, space) for _ in range(int(rng.integers(2, 6)))]
     return selector(*branches, _random_body(rng, space, 1))
 
 
-def _random_condition(rng: np.random.Generator, space: TreeSpace) -> ConditionExpr:
+def _random_condition(rng: Rng, space: TreeSpace) -> ConditionExpr:
     """A single condition, or two joined by `and` or, less often, `or`."""
     condition = random_term(rng, space)
     if rng.random() < 0.7:
@@ -148,7 +147,7 @@ def branches_of(tree: Node) -> list[Node]:
     return [c for _, node in _selectors(tree) for c in node.children] or [tree]
 
 
-def with_branch(rng: np.random.Generator, tree: Node, branch: Node) -> Node:
+def with_branch(rng: Rng, tree: Node, branch: Node) -> Node:
     """The tree with a branch inserted before a child of one of its selectors.
 
     The outermost selector is the likeliest. A tree without a selector becomes the last child of
@@ -162,19 +161,19 @@ def with_branch(rng: np.random.Generator, tree: Node, branch: Node) -> Node:
     return replace_at(tree, i, spliced(node, at, 0, branch))
 
 
-def guard(rng: np.random.Generator, tree: Node, space: TreeSpace, _: object) -> Node:
+def guard(rng: Rng, tree: Node, space: TreeSpace, _: object) -> Node:
     """Inserts a random guarded branch before a child of a selector."""
     return with_branch(rng, tree, random_branch(rng, space))
 
 
 @of_node(lambda _, space: space.keys)
-def wrap(rng: np.random.Generator, node: Node, space: TreeSpace, _: object) -> Node:
+def wrap(rng: Rng, node: Node, space: TreeSpace, _: object) -> Node:
     """Puts a `when` with a random condition above a node."""
     return guarded(_random_condition(rng, space), node, random_abort(rng, space))
 
 
 @of_node(lambda node, _: node.action)
-def extend(rng: np.random.Generator, leaf: Node, space: TreeSpace, _: object) -> Node:
+def extend(rng: Rng, leaf: Node, space: TreeSpace, _: object) -> Node:
     """Replaces an action, or adds one before or after it in a sequence.
 
     The new action may have its preparations, as in a random branch.
@@ -187,7 +186,7 @@ def extend(rng: np.random.Generator, leaf: Node, space: TreeSpace, _: object) ->
 
 
 @of_node(lambda node, _: node.guard)
-def condition(rng: np.random.Generator, node: Node, space: TreeSpace, _: object) -> Node:
+def condition(rng: Rng, node: Node, space: TreeSpace, _: object) -> Node:
     """Changes a guard: another abort rule, or a term added, removed or replaced."""
     args = guard_of(node)
     parts = list(terms(args.condition))
@@ -215,7 +214,7 @@ def _declared(leaf: Node, space: TreeSpace) -> tuple[ConditionExpr, ...]:
 
 
 @of_node(lambda node, space: node.action and _declared(node, space))
-def fulfil(rng: np.random.Generator, leaf: Node, space: TreeSpace, _: object) -> Node:  # noqa: ARG001 -- every mutation's form
+def fulfil(rng: Rng, leaf: Node, space: TreeSpace, _: object) -> Node:  # noqa: ARG001 -- every mutation's form
     """Guards an action by the conditions that it declares.
 
     These are `to_start` and `to_succeed` of the vocabulary, which `check` uses, too.
@@ -223,12 +222,12 @@ def fulfil(rng: np.random.Generator, leaf: Node, space: TreeSpace, _: object) ->
     return guarded(combine("and", _declared(leaf, space)), leaf, "none")
 
 
-def shrink(rng: np.random.Generator, tree: Node, space: TreeSpace, _: object) -> Node:  # noqa: ARG001 -- every mutation's form
+def shrink(rng: Rng, tree: Node, space: TreeSpace, _: object) -> Node:  # noqa: ARG001 -- every mutation's form
     """Removes the parts that `simplify` proves to have no effect."""
     return simplify(tree, space.vocabulary).tree
 
 
-def tune(rng: np.random.Generator, tree: Node, space: TreeSpace, mutation: Any) -> Node:
+def tune(rng: Rng, tree: Node, space: TreeSpace, mutation: Any) -> Node:
     """Perturbs one number in the tree's conditions, or all of them.
 
     The standard deviation is drawn for each call, log-uniform from `number_sd` / 20 to
@@ -305,7 +304,7 @@ def fine(value: float, key: Key) -> float:
     return min(key.high, max(key.low, nearest)) + 0.0  # no -0
 
 
-def branch_crossover(rng: np.random.Generator, mother: Node, father: Node, limits: Limits) -> Node:
+def branch_crossover(rng: Rng, mother: Node, father: Node, limits: Limits) -> Node:
     """Inserts a branch of `father` into a selector of `mother`, or replaces a branch by it."""
     room = limits.max_nodes - size(mother)
     donors = [b for b in branches_of(father) if size(b) < room and depth(b) < limits.max_depth]

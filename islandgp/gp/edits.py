@@ -225,32 +225,26 @@ def put_in_front(tree: Node, path: Path, branch: Node) -> Node:
     """
     node = node_at(tree, path)
     if path and is_selector(node_at(tree, path[:-1])):
-        return _with_child(tree, path, branch)
+        return _inserted(tree, path, branch)
     if is_selector(node):
         return with_node(tree, path, spliced(node, 0, 0, branch))
     return with_node(tree, path, selector(branch, node))
 
 
-def _with_child(tree: Node, path: Path, branch: Node) -> Node:
-    """The tree with a branch inserted as a child at a path."""
-    *above, index = path
-    parent = node_at(tree, tuple(above))
-    if index > len(parent.children):
-        raise ValueError(
-            f"expected a place among the {len(parent.children)} children of"
-            f" {path_text(path[:-1])!r} or after the last, found {path_text(path)!r}"
-        )
-    return with_node(tree, tuple(above), spliced(parent, index, 0, branch))
-
-
 def _inserted(tree: Node, path: Path, branch: Node) -> Node:
+    """The tree with a branch inserted as a child at a path."""
     parent = node_at(tree, path[:-1]) if path else None
     if parent is None or len(parent.children) >= kind_of(parent).children[1]:
         raise ValueError(
             "expected the place of a child of a selector, sequence or parallel, found"
             f" {path_text(path)!r}"
         )
-    return _with_child(tree, path, branch)
+    if path[-1] > len(parent.children):
+        raise ValueError(
+            f"expected a place among the {len(parent.children)} children of"
+            f" {path_text(path[:-1])!r} or after the last, found {path_text(path)!r}"
+        )
+    return with_node(tree, path[:-1], spliced(parent, path[-1], 0, branch))
 
 
 def _with_number(tree: Node, path: Path, number: float, place: int) -> Node:

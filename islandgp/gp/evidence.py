@@ -10,10 +10,13 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from math import sqrt
 from statistics import fmean, pstdev
 from typing import Final
 
+from islandgp.bt.core.language import to_text
+from islandgp.bt.core.node import Node
 from islandgp.gp.population import Evaluated, Tree
 from islandgp.scoring.constraints import running_mean
 
@@ -28,9 +31,15 @@ class Evidence:
 
     id: str  # of its last individual
     tree: Tree
+    digest: str  # of the tree
     fitness: tuple[tuple[int, float], ...]  # (generation, points), oldest first
     means: dict[str, float]  # over its evaluations, of the values that a search needs
     outcome_key: str  # of its last outcome; equal for trees that earned the same points
+
+
+def digest(tree: Node) -> str:
+    """The first 12 hexadecimal digits of the SHA-256 of a tree's canonical text."""
+    return sha256(to_text(tree).encode()).hexdigest()[:12]
 
 
 def with_evaluation(
@@ -47,7 +56,7 @@ def with_evaluation(
     i, now = e.individual, (generation, e.fitness)
     key = repr((e.fitness, sorted(e.outcome.components.items())))
     if before is None:
-        return Evidence(i.id, i.tree, (now,), dict(values), key)
+        return Evidence(i.id, i.tree, digest(i.tree), (now,), dict(values), key)
     fitness = (*before.fitness, now)
     means = running_mean(before.means, values, len(fitness))
     return replace(before, id=i.id, fitness=fitness, means=means, outcome_key=key)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeVar
+from typing import Annotated, Any, Final, Literal, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -46,20 +46,10 @@ def name_in(table: Mapping[str, Any]) -> AfterValidator:
     return AfterValidator(checked)
 
 
-class Declared(BaseModel, frozen=True, extra="forbid"):
-    """Settings of which a search or a supervisor gets the fields that it declares."""
-
-    if not TYPE_CHECKING:  # else it would hide misspelt names from type checkers
-
-        def __getattr__(self, name: str) -> Any:
-            """Raises AttributeError, as pydantic does, with a remedy for a field left out."""
-            must_be_declared(name, ())
+S = TypeVar("S", bound=BaseModel)
 
 
-D = TypeVar("D", bound=Declared)
-
-
-def declared(settings: D, group: str, keys: Collection[str]) -> D:
+def declared(settings: S, group: str, keys: Collection[str]) -> S:
     """The settings of a group, with only the fields that `keys` has, in whole or in part."""
     fields = {f: getattr(settings, f) for f in type(settings).model_fields}
     return settings.model_construct(
@@ -80,7 +70,7 @@ def is_read(key: str, keys: Collection[str]) -> bool:
     return any(f"{key}.".startswith(f"{k}.") or f"{k}.".startswith(f"{key}.") for k in keys)
 
 
-class GP(Declared, frozen=True, extra="forbid"):
+class GP(BaseModel, frozen=True, extra="forbid"):
     """Genetic programming, section 2.3."""
 
     population: int = Field(ge=4, le=10_000)

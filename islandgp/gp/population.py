@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from enum import StrEnum
 from typing import Annotated
@@ -40,6 +40,16 @@ class Origin(StrEnum):
 
 
 @dataclass(frozen=True, slots=True)
+class Proposal:
+    """A tree for a population, not yet in a slot."""
+
+    tree: Tree
+    origin: Origin
+    parents: tuple[str, ...] = ()  # ids
+    mutation: str = ""  # mutation operators, joined by "+", or ""; "edit:<kind>"
+
+
+@dataclass(frozen=True, slots=True)
 class Individual:
     """A tree in a population, not yet evaluated."""
 
@@ -51,33 +61,21 @@ class Individual:
 
 
 @dataclass(frozen=True, slots=True)
-class EditedTree:
-    """A tree with a supervisor's edit, not yet evaluated."""
-
-    tree: Tree
-    parents: tuple[str, ...]  # ids of the edited individual and of the donor of a branch
-    operator: str  # "edit:<kind>"
-
-
-@dataclass(frozen=True, slots=True)
 class Advice:
     """The checked guidance of a supervisor for one generation."""
 
     rate: float  # mutation rate in force, in [0, 1]
     tree: Tree | None = None  # to inject, within the limits
-    edited: tuple[EditedTree, ...] = ()
-    """Trees to evaluate, within the limits, each in its own slot; at most `supervisor.edits`,
-    which is at most `gp.population` - 3."""
+    edited: tuple[Proposal, ...] = ()
+    """Edited trees, within the limits, to evaluate in slots of their own; at most
+    `supervisor.edits`, which is at most `gp.population` - 3."""
 
 
-def edited_individuals(
-    edited: Sequence[EditedTree], generation: int, first: int
-) -> list[Individual]:
-    """Individuals of a generation with edited trees, in slots from `first` on."""
-    return [
-        Individual(f"{generation}.{slot}", e.tree, Origin.EDITED, e.parents, e.operator)
-        for slot, e in enumerate(edited, first)
-    ]
+def in_slots(proposals: Iterable[Proposal], generation: int) -> Iterator[Individual]:
+    """The individuals of a generation, each as soon as it is proposed."""
+    for slot, each in enumerate(proposals):
+        name = f"{generation}.{slot}"
+        yield Individual(name, each.tree, each.origin, each.parents, each.mutation)
 
 
 @dataclass(frozen=True, slots=True)

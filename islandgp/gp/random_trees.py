@@ -21,6 +21,7 @@ from islandgp.bt.core.parameters import Parameter, leaf_of
 from islandgp.bt.core.vocabulary import Key, Vocabulary
 from islandgp.domain import total
 from islandgp.plain import RISING
+from islandgp.seeding import Rng
 
 MAX_EXPECTED_NODES: Final = 2000.0  # most expected nodes of a random tree; a run allows up to 1,000
 
@@ -114,7 +115,7 @@ class TreeSpace:
         return tuple(name for name, key in self.vocabulary.keys.items() if key.writable)
 
 
-def weighted(rng: np.random.Generator, weights: Mapping[str, float]) -> str:
+def weighted(rng: Rng, weights: Mapping[str, float]) -> str:
     """A key drawn with probability proportional to its weight."""
     remaining, last = rng.random() * total(weights.values()), ""
     for name, weight in weights.items():
@@ -125,12 +126,12 @@ def weighted(rng: np.random.Generator, weights: Mapping[str, float]) -> str:
     return last
 
 
-def random_action(rng: np.random.Generator, space: TreeSpace) -> Node:
+def random_action(rng: Rng, space: TreeSpace) -> Node:
     """A random action, with random arguments."""
     return random_leaf(rng, space.actions[rng.integers(len(space.actions))], space)
 
 
-def random_leaf(rng: np.random.Generator, name: str, space: TreeSpace) -> Node:
+def random_leaf(rng: Rng, name: str, space: TreeSpace) -> Node:
     """A leaf of an action, with random arguments if it has parameters."""
     arguments = space.vocabulary.action(name).arguments
     return leaf_of(
@@ -138,7 +139,7 @@ def random_leaf(rng: np.random.Generator, name: str, space: TreeSpace) -> Node:
     )
 
 
-def random_value(rng: np.random.Generator, parameter: Parameter) -> Value:
+def random_value(rng: Rng, parameter: Parameter) -> Value:
     """A random value of a parameter: uniform or log-uniform in its range, or one of its words."""
     if parameter.words:
         return parameter.words[rng.integers(len(parameter.words))]
@@ -153,7 +154,7 @@ def random_value(rng: np.random.Generator, parameter: Parameter) -> Value:
     return rounded(low + float(rng.integers(steps + 1)) * parameter.step, parameter)
 
 
-def moved_value(rng: np.random.Generator, parameter: Parameter, value: Value, by: float) -> Value:
+def moved_value(rng: Rng, parameter: Parameter, value: Value, by: float) -> Value:
     """A number moved by a share of its (logarithmic) range, or another one of the words."""
     if not isinstance(value, str):
         return moved_number(parameter, value, by)
@@ -186,7 +187,7 @@ def rounded(value: float, parameter: Parameter) -> float:
     return min(parameter.high, max(parameter.low, value)) + 0.0  # no -0
 
 
-def random_args(rng: np.random.Generator, kind: str, space: TreeSpace) -> Args:
+def random_args(rng: Rng, kind: str, space: TreeSpace) -> Args:
     """The arguments of an inner node."""
     if KINDS[kind].args is GuardArgs:
         return _random_guard(rng, space)
@@ -195,7 +196,7 @@ def random_args(rng: np.random.Generator, kind: str, space: TreeSpace) -> Args:
     return KINDS[kind].make_args([_drawn(rng, each, space) for each in KINDS[kind].arguments])
 
 
-def random_assignment(rng: np.random.Generator, space: TreeSpace) -> Condition:
+def random_assignment(rng: Rng, space: TreeSpace) -> Condition:
     """A random value of a random key; for a number also one step more or less than it has."""
     name = space.writable[rng.integers(len(space.writable))]
     key = space.vocabulary.keys[name]
@@ -208,7 +209,7 @@ def random_assignment(rng: np.random.Generator, space: TreeSpace) -> Condition:
     return _about(rng, name, space)._replace(operator="=")
 
 
-def _drawn(rng: np.random.Generator, argument: Argument, space: TreeSpace) -> float | str:
+def _drawn(rng: Rng, argument: Argument, space: TreeSpace) -> float | str:
     if argument.sort is Sort.COUNT:
         return float(rng.integers(1, space.settings.repeats + 1))
     if argument.sort is Sort.SECONDS:
@@ -216,7 +217,7 @@ def _drawn(rng: np.random.Generator, argument: Argument, space: TreeSpace) -> fl
     return list(argument.words)[rng.integers(len(argument.words))]
 
 
-def _random_guard(rng: np.random.Generator, space: TreeSpace) -> GuardArgs:
+def _random_guard(rng: Rng, space: TreeSpace) -> GuardArgs:
     settings = space.settings.conditions
     if settings.joined and rng.random() < settings.joined:
         condition = _random_joined(rng, space, int(rng.integers(2, settings.terms + 1)))
@@ -226,12 +227,12 @@ def _random_guard(rng: np.random.Generator, space: TreeSpace) -> GuardArgs:
     return GuardArgs(_about(rng, name, space), abort)
 
 
-def random_abort(rng: np.random.Generator, space: TreeSpace) -> str:
+def random_abort(rng: Rng, space: TreeSpace) -> str:
     """An abort rule, by the weights of the settings."""
     return weighted(rng, space.settings.aborts)
 
 
-def _random_joined(rng: np.random.Generator, space: TreeSpace, terms: int) -> ConditionExpr:
+def _random_joined(rng: Rng, space: TreeSpace, terms: int) -> ConditionExpr:
     if terms == 1:
         return random_term(rng, space)
     n_first = int(rng.integers(1, terms))
@@ -239,12 +240,12 @@ def _random_joined(rng: np.random.Generator, space: TreeSpace, terms: int) -> Co
     return combine(operator, [_random_joined(rng, space, n) for n in (n_first, terms - n_first)])
 
 
-def random_term(rng: np.random.Generator, space: TreeSpace) -> Condition:
+def random_term(rng: Rng, space: TreeSpace) -> Condition:
     """A single condition."""
     return _about(rng, space.keys[rng.integers(len(space.keys))], space)
 
 
-def _about(rng: np.random.Generator, name: str, space: TreeSpace) -> Condition:
+def _about(rng: Rng, name: str, space: TreeSpace) -> Condition:
     key = space.vocabulary.keys[name]
     if key.flag:
         return Condition(name, FLAG_OPERATORS[rng.integers(len(FLAG_OPERATORS))], 0.0)
@@ -265,7 +266,7 @@ def on_grid(key: Key, steps: float) -> float:
     return round(key.low + steps * key.step, 9) + 0.0  # no -0
 
 
-def inner_node(rng: np.random.Generator, space: TreeSpace, depth: int) -> Node:
+def inner_node(rng: Rng, space: TreeSpace, depth: int) -> Node:
     """A random node other than an action, whose tree has at most `depth` >= 2 levels."""
     kind = weighted(rng, space.kinds)
     least, most = space.settings.children
@@ -277,14 +278,14 @@ def inner_node(rng: np.random.Generator, space: TreeSpace, depth: int) -> Node:
     return Node(kind, args, tuple(grow(rng, space, depth - 1) for _ in range(n)))
 
 
-def grow(rng: np.random.Generator, space: TreeSpace, depth: int) -> Node:
+def grow(rng: Rng, space: TreeSpace, depth: int) -> Node:
     """A random tree of at most `depth` levels; a branch may end earlier by chance."""
     if depth <= 1 or rng.random() < space.settings.leaf:
         return random_action(rng, space)
     return inner_node(rng, space, depth)
 
 
-def random_tree(rng: np.random.Generator, space: TreeSpace) -> Node:
+def random_tree(rng: Rng, space: TreeSpace) -> Node:
     """A random tree within the limits; a single action only if the limits allow nothing else."""
     least, most = space.settings.depth
     for _ in range(100):

@@ -6,23 +6,20 @@ from collections import Counter
 from collections.abc import Callable, Sequence
 from typing import Final, TypeVar
 
-import numpy as np
-
 from islandgp.gp.population import Evaluated
 from islandgp.plugin import function
+from islandgp.seeding import Rng
 
 T = TypeVar("T")
 
 
-def tournament(
-    rng: np.random.Generator, population: Sequence[Evaluated], entrants: int
-) -> Evaluated:
+def tournament(rng: Rng, population: Sequence[Evaluated], entrants: int) -> Evaluated:
     """The best of `entrants` >= 1 individuals drawn with replacement; the first of equals."""
     drawn = [population[int(i)] for i in rng.integers(len(population), size=entrants)]
     return max(drawn, key=lambda e: e.merit)
 
 
-def by_rank(rng: np.random.Generator, ranked: Sequence[T], entrants: int = 2) -> T:
+def by_rank(rng: Rng, ranked: Sequence[T], entrants: int = 2) -> T:
     """The first in `ranked` of `entrants` >= 1 items drawn with replacement."""
     return ranked[int(rng.integers(len(ranked), size=entrants).min())]
 
@@ -32,7 +29,7 @@ def halved(n: int, fewest: int) -> int:
     return max(fewest, (n + 1) // 2)
 
 
-Selection = Callable[[np.random.Generator, Sequence[Evaluated], int], Evaluated]
+Selection = Callable[[Rng, Sequence[Evaluated], int], Evaluated]
 
 SELECTIONS: Final[dict[str, Selection]] = {"tournament": tournament}
 """Ways to choose a parent. A new one is a function and an entry."""
@@ -51,7 +48,7 @@ def _must_be_individual(result: object, *_: object) -> None:
 
 
 def pick_parent(
-    rng: np.random.Generator,
+    rng: Rng,
     select: Selection,
     population: Sequence[Evaluated],
     supplied: Counter[str],

@@ -3,27 +3,23 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections import OrderedDict
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from hashlib import sha256
 from typing import Annotated, Any, ClassVar, Final, Generic, Protocol, Self, TypeVar
 
-import numpy as np
 from pydantic import BaseModel, Field, model_validator
 
 from islandgp.bt.analysis.simplify import simplify
-from islandgp.bt.core.language import to_text
 from islandgp.bt.core.node import Node, within
 from islandgp.gp.branches import random_list
-from islandgp.gp.evidence import Evidence, with_evaluation
+from islandgp.gp.evidence import Evidence, digest, with_evaluation
 from islandgp.gp.plan import Plan
-from islandgp.gp.population import Advice, Evaluated, Individual, Origin, Tree, edited_individuals
+from islandgp.gp.population import Advice, Evaluated, Individual, Origin, Proposal, Tree, in_slots
 from islandgp.gp.random_trees import TreeSpace, random_tree, weighted, weights_of
 from islandgp.gp.selection import by_rank
 from islandgp.gp.variation import CROSSOVERS, MutationSettings, crossover, mutate
 from islandgp.search.base import SearchContext, SearchState
-from islandgp.seeding import Stream, Streams
+from islandgp.seeding import Rng, Stream, Streams
 
 TRIES: Final = 30  # attempts to create a tree that was not evaluated before
 CROSSED_ONLY: Final = 0.7  # chance that a child of two parents is not mutated as well
@@ -49,26 +45,9 @@ class Breeding(RandomTrees, frozen=True, extra="forbid"):
 
 
 MAX_DIGESTS: Final = 3000  # most digests of evaluated trees kept by a search, the latest ones
-MAX_KEPT: Final = 4096  # a grid of thousands of trees asks for each in each generation
-_kept: OrderedDict[int, tuple[Node, str]] = OrderedDict()
-"""The last trees with their digests, by `id`, which no other object has as long as they are kept.
-
-Looking up a tree itself would compute the hash of all its nodes.
-"""
 
 
-def digest(tree: Node) -> str:
-    """The first 12 hexadecimal digits of the SHA-256 of a tree's canonical text."""
-    if (kept := _kept.get(id(tree))) is not None:
-        return kept[1]
-    text_digest = sha256(to_text(tree).encode()).hexdigest()[:12]
-    _kept[id(tree)] = tree, text_digest
-    if len(_kept) > MAX_KEPT:
-        _kept.popitem(last=False)
-    return text_digest
-
-
-def new_tree(rng: np.random.Generator, space: TreeSpace, settings: RandomTrees) -> Node:
+def new_tree(rng: Rng, space: TreeSpace, settings: RandomTrees) -> Node:
     """A random tree: a priority list with probability `settings.lists`, else as in the paper.
 
     After TRIES trees that exceed the limits it is one as in the paper, without simplification.
@@ -96,7 +75,7 @@ def parent_of(e: Evaluated) -> Parent:
     return Parent(e.individual.id, e.individual.tree)
 
 
-Pick = Callable[[np.random.Generator], tuple[Parent, Sequence[Parent]]]
+Pick = Callable[[Rng], tuple[Parent, Sequence[Parent]]]
 """Draws a child's mother, and returns the candidates for its father."""
 
 
@@ -106,12 +85,12 @@ def pick_by_rank(ranked: Sequence[Parent], entrants: int = 2) -> Pick:
 
 
 def new_child(
-    rng: np.random.Generator,
+    rng: Rng,
     mother: Parent,
     fathers: Sequence[Parent],
     space: TreeSpace,
     breeding: Breeding,
-) -> tuple[Node, Origin, tuple[str, ...], str]:
+) -> Proposal:
     """A child of `mother`, and possibly of one of `fathers`, within the limits.
 
     Args:
@@ -122,8 +101,8 @@ def new_child(
         breeding: the operators and their probabilities.
 
     Returns:
-        The tree, its origin, the ids of its parents, and its mutations joined by "+", or "". A
-        child of a mother and a branch of the library has the origin CROSSOVER and one parent.
+        The child. That of a mother and a branch of the library has the origin CROSSOVER and one
+        parent.
     """
     tree, parents, origin = mother.tree, [mother.id], Origin.COPY
     if fathers and rng.random() < breeding.crossover_rate:
@@ -141,11 +120,8 @@ def new_child(
         more = rng.random() < breeding.further
     if breeding.simplify:
         tree = simplify(tree, space.vocabulary).tree
-    return tree, origin, tuple(parents), "+".join(change for change in changes if change)
-
-
-Proposal = tuple[Node, Origin, tuple[str, ...], str]
-"""A new tree with its origin, the ids of its parents, and its mutations, as of `new_child`."""
+    mutation = "+".join(change for change in changes if change)
+    return Proposal(tree, origin, tuple(parents), mutation)
 
 
 class NewSlots(BaseModel, frozen=True, extra="forbid"):
@@ -170,7 +146,7 @@ class Slots(NewSlots, frozen=True, extra="forbid"):
         return self
 
 
-def nothing_proposed(_rng: np.random.Generator) -> Proposal | None:
+def nothing_proposed(_rng: Rng) -> Proposal | None:
     """None, for searches whose new trees are all children or random trees."""
     return None
 
@@ -180,7 +156,7 @@ class GenerationPlan:
     """The trees of a generation, except for a supervisor's."""
 
     pick: Pick | None = None  # draws the parents of children; None: random trees, no children
-    propose: Callable[[np.random.Generator], Proposal | None] = nothing_proposed
+    propose: Callable[[Rng], Proposal | None] = nothing_proposed
     """Makes a new tree in another way; None: it is a child or a random tree."""
     reevaluated: Sequence[Parent] = ()  # evaluated again, the most important first
     initial_trees: Sequence[Node] = ()  # evaluated unchanged, such as the founders of generation 0
@@ -193,8 +169,8 @@ def new_generation(
     state: SearchState,
     contents: GenerationPlan,
     settings: RandomTrees,
-) -> Iterator[Individual]:
-    """Yields the individuals of a generation, `gp.population` of them, in slot order.
+) -> Iterator[Proposal]:
+    """Yields the trees of a generation, `gp.population` of them, in slot order.
 
     The order: initial trees, trees evaluated again, the supervisor's tree, edited trees, new trees:
     mutants of the supervisor's tree, random trees, children. Trees evaluated again leave at least
@@ -209,57 +185,51 @@ def new_generation(
     """
     g, n = state.generation, plan.gp.population
     advice = state.advice or Advice(rate=0.0)
+    again = contents.reevaluated[: n - 2 - len(advice.edited)]
     first_slots = [
-        *((tree, Origin.INJECTED, ()) for tree in contents.initial_trees[:n]),
-        *(
-            (p.tree, Origin.ELITE, (p.id,))
-            for p in contents.reevaluated[: n - 2 - len(advice.edited)]
-        ),
+        *(Proposal(tree, Origin.INJECTED) for tree in contents.initial_trees[:n]),
+        *(Proposal(p.tree, Origin.ELITE, (p.id,)) for p in again),
+        *([Proposal(advice.tree, Origin.INJECTED)] if advice.tree is not None else ()),
+        *advice.edited,
     ]
-    if advice.tree is not None:
-        first_slots.append((advice.tree, Origin.INJECTED, ()))
-    individuals = [Individual(f"{g}.{slot}", *each) for slot, each in enumerate(first_slots)]
-    individuals += edited_individuals(advice.edited, g, len(individuals))
-    yield from individuals
-    known_digests = {*contents.known_digests, *(digest(i.tree) for i in individuals)}
+    yield from first_slots
+    known_digests = {*contents.known_digests, *(digest(each.tree) for each in first_slots)}
     slots = plan.allocation if isinstance(plan.allocation, NewSlots) else NewSlots()
-    new = [contents] * (n - len(individuals))
+    new = [contents] * (n - len(first_slots))
     new[:0] = [GenerationPlan()] * round(slots.random * n)
     if advice.tree is not None:
         mutants = GenerationPlan(propose=_mutants(advice.tree, plan.space, settings))
         new[:0] = [mutants] * (slots.injected - 1)
-    for slot, each in zip(range(len(individuals), n), new, strict=False):
+    for slot, each in zip(range(len(first_slots), n), new, strict=False):
         rng = streams(Stream.SEARCH, generation=g, slot=slot)
         for _ in range(TRIES):  # after these, a tree that was evaluated before is accepted
             proposal = _proposed(rng, each, plan.space, settings)
-            key = digest(proposal[0])
+            key = digest(proposal.tree)
             if key not in known_digests:
                 break
         known_digests.add(key)
-        yield Individual(f"{g}.{slot}", *proposal)
+        yield proposal
 
 
-def _mutants(
-    tree: Node, space: TreeSpace, settings: RandomTrees
-) -> Callable[[np.random.Generator], Proposal]:
+def _mutants(tree: Node, space: TreeSpace, settings: RandomTrees) -> Callable[[Rng], Proposal]:
     """A function that makes mutants of the supervisor's tree."""
     assert isinstance(settings, Breeding)
 
-    def propose(rng: np.random.Generator) -> Proposal:
-        mutant, _, _, change = new_child(rng, Parent("", tree), (), space, settings)
-        return mutant, Origin.INJECTED, (), change
+    def propose(rng: Rng) -> Proposal:
+        mutant = new_child(rng, Parent("", tree), (), space, settings)
+        return Proposal(mutant.tree, Origin.INJECTED, mutation=mutant.mutation)
 
     return propose
 
 
 def _proposed(
-    rng: np.random.Generator, contents: GenerationPlan, space: TreeSpace, settings: RandomTrees
+    rng: Rng, contents: GenerationPlan, space: TreeSpace, settings: RandomTrees
 ) -> Proposal:
     """A proposed tree, a child of the parents that `contents.pick` draws, or a random tree."""
     if (proposal := contents.propose(rng)) is not None:
         return proposal
     if contents.pick is None:
-        return new_tree(rng, space, settings), Origin.RANDOM, (), ""
+        return Proposal(new_tree(rng, space, settings), Origin.RANDOM)
     assert isinstance(settings, Breeding)
     return new_child(rng, *contents.pick(rng), space, settings)
 
@@ -287,7 +257,7 @@ def evidence_by_digest(
         generation: its index.
         values: returns the values of an evaluation whose means are kept.
     """
-    by_digest = {digest(entry.tree): entry for entry in before}
+    by_digest = {entry.digest: entry for entry in before}
     for e in evaluated:
         key = digest(e.individual.tree)
         by_digest[key] = with_evaluation(by_digest.get(key), e, generation, values(e))
@@ -341,7 +311,8 @@ class BreedingSearch(ABC, Generic[S]):
     def ask(self, state: SearchState, streams: Streams) -> Iterator[Individual]:
         """See `Search`."""
         contents = self.plan_first(streams) if state.memory is None else self.plan_next(state)
-        return new_generation(self.plan, streams, state, contents, self.settings.breeding)
+        proposals = new_generation(self.plan, streams, state, contents, self.settings.breeding)
+        return in_slots(proposals, state.generation)
 
     def tell(
         self, state: SearchState, evaluated: Sequence[Evaluated], advice: Advice

@@ -7,7 +7,7 @@ evolution adds to the library.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import islice, permutations
 from math import factorial
@@ -21,11 +21,11 @@ from islandgp.bt.core.node import FAILURE, Limits, Node, selector, within
 from islandgp.errors import ConfigError
 from islandgp.gp.evidence import Evidence, with_evaluation
 from islandgp.gp.plan import Plan
-from islandgp.gp.population import Advice, Evaluated, Individual, Origin
+from islandgp.gp.population import Advice, Evaluated, Individual, Origin, Proposal, in_slots
 from islandgp.gp.selection import halved
 from islandgp.scoring.constraints import Merit, limited, merit, violation
 from islandgp.search.base import SearchContext, SearchState
-from islandgp.seeding import Stream, Streams
+from islandgp.seeding import Rng, Stream, Streams
 
 
 def library_branches(library: Sequence[Node]) -> tuple[list[Node], list[Node]]:
@@ -49,9 +49,7 @@ def library_branches(library: Sequence[Node]) -> tuple[list[Node], list[Node]]:
     return list(dict.fromkeys(branches)), [node for node, _ in fallbacks.most_common(1)]
 
 
-def priority_lists(
-    rng: np.random.Generator, library: Sequence[Node], count: int, limits: Limits
-) -> list[Node]:
+def priority_lists(rng: Rng, library: Sequence[Node], count: int, limits: Limits) -> list[Node]:
     """Selectors of the library's branches and its fallback branch, in different orders.
 
     Args:
@@ -123,18 +121,14 @@ class Compose:
         """See `Search`."""
         return SearchState(0)
 
-    def ask(self, state: SearchState, streams: Streams) -> tuple[Individual, ...]:
+    def ask(self, state: SearchState, streams: Streams) -> Iterator[Individual]:
         """See `Search`."""
-        g, memory = state.generation, state.memory
-        if memory is None:
-            count = min(self.settings.orders, self.plan.gp.population)
-            rng = streams(Stream.SEARCH)
-            lists = priority_lists(rng, self.library, count, self.plan.gp.limits)
-            return tuple(Individual(f"0.{k}", t, Origin.INJECTED) for k, t in enumerate(lists))
-        return tuple(
-            Individual(f"{g}.{k}", each.tree, Origin.ELITE, (each.id,))
-            for k, each in enumerate(memory.lists)
-        )
+        if state.memory is not None:
+            again = (Proposal(each.tree, Origin.ELITE, (each.id,)) for each in state.memory.lists)
+            return in_slots(again, state.generation)
+        count = min(self.settings.orders, self.plan.gp.population)
+        lists = priority_lists(streams(Stream.SEARCH), self.library, count, self.plan.gp.limits)
+        return in_slots((Proposal(tree, Origin.INJECTED) for tree in lists), 0)
 
     def tell(
         self,

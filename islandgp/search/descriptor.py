@@ -13,6 +13,7 @@ from pydantic import AfterValidator
 from islandgp.domain import Outcome, Schema
 from islandgp.domain.rewards import unknown
 from islandgp.scoring.classes import Classes
+from islandgp.search.breeding import BreedingSettings
 
 MAX_BINS: Final = 1e30  # greater values are clipped
 
@@ -57,12 +58,19 @@ def dimensions(texts: Sequence[str], classes: Classes) -> tuple[Dimension, ...]:
     return tuple(dimension(text) for text in texts or dict.fromkeys(classes.behaviours.values()))
 
 
-def faults(path: str, texts: Sequence[str], schema: Schema) -> Iterator[str]:
-    """A line for each counter that the domain does not declare, or that occurs twice."""
-    counters = [dimension(text).counter for text in texts]
-    for k, counter in enumerate(counters):
-        yield from unknown(f"{path}.{k}", counter, schema.counters)
-    yield from repeated(path, counters)
+class DescriptorSettings(BreedingSettings, frozen=True):
+    """Settings of a search with a descriptor."""
+
+    descriptor: Descriptor
+    """COUNTER, or COUNTER/WIDTH for bins of equal width on a linear scale. Empty: the counters of
+    the behaviours."""
+
+    def faults(self, schema: Schema) -> Iterator[str]:
+        """See `Search`: a line for each counter that is not declared, or that occurs twice."""
+        counters = [dimension(text).counter for text in self.descriptor]
+        for k, counter in enumerate(counters):
+            yield from unknown(f"search.policy.descriptor.{k}", counter, schema.counters)
+        yield from repeated("search.policy.descriptor", counters)
 
 
 def repeated(path: str, names: Sequence[str]) -> Iterator[str]:

@@ -10,14 +10,13 @@ noisy tasks: Justesen, Risi and Mouret 2019, "MAP-Elites for noisy domains by ad
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import compress
 from typing import Any, ClassVar, Final
 
 from pydantic import Field
 
-from islandgp.domain import Schema
 from islandgp.gp.evidence import Evidence
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Evaluated
@@ -25,31 +24,22 @@ from islandgp.scoring.constraints import Merit, limited, merit, violation
 from islandgp.search.base import SearchState
 from islandgp.search.breeding import (
     BreedingSearch,
-    BreedingSettings,
     GenerationPlan,
     Parent,
     Slots,
-    digest,
     evidence_by_digest,
 )
-from islandgp.search.descriptor import Descriptor, cell, dimensions, faults, point
+from islandgp.search.descriptor import DescriptorSettings, cell, dimensions, point
 
 FITNESS: Final = " fitness"  # among the means of a tree, beside counters with a constraint
 
 
-class MapElitesSettings(BreedingSettings, frozen=True):
-    """The grid."""
+class MapElitesSettings(DescriptorSettings, frozen=True):
+    """The grid; its axes are those of the descriptor."""
 
-    descriptor: Descriptor
-    """The grid's axes: COUNTER, or COUNTER/WIDTH for bins of equal width. Empty: the counters of
-    the behaviours."""
     bins: int = Field(ge=1, le=100)  # most bins of a counter above 0
     depth: int = Field(ge=1, le=100)
     """Most trees that a cell keeps: the elite, and trees that can replace it."""
-
-    def faults(self, schema: Schema) -> Iterator[str]:
-        """See `Search`."""
-        return faults("search.policy.descriptor", self.descriptor, schema)
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,7 +80,7 @@ class MapElites(BreedingSearch[MapElitesSettings]):
         return GenerationPlan(
             pick=lambda rng: (mothers[rng.integers(len(mothers))], parents),
             reevaluated=[parents[k] for k in least_evaluated[:slots]],
-            known_digests=(digest(o.tree) for o in occupants),
+            known_digests=(o.digest for o in occupants),
         )
 
     def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Grid:

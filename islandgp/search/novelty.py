@@ -8,44 +8,36 @@ of a generation are evaluated again in the next one, so good trees are not lost.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
 import numpy as np
 from pydantic import Field
 
-from islandgp.domain import Schema
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Evaluated
 from islandgp.search.base import SearchState
 from islandgp.search.breeding import (
     BreedingSearch,
-    BreedingSettings,
     GenerationPlan,
     Parent,
     Slots,
     parent_of,
     pick_by_rank,
 )
-from islandgp.search.descriptor import Descriptor, dimensions, faults, point
+from islandgp.search.descriptor import DescriptorSettings, dimensions, point
 
 Places = tuple[tuple[float, ...], ...]
 
 
-class NoveltySettings(BreedingSettings, frozen=True):
+class NoveltySettings(DescriptorSettings, frozen=True):
     """Settings of the novelty and of the selection of parents."""
 
-    descriptor: Descriptor
-    """COUNTER, or COUNTER/WIDTH for a linear scale. Empty: the behaviours' counters."""
     neighbours: int = Field(ge=1)  # number of neighbours in the mean distance
     archive: int = Field(ge=0)  # most descriptors in the archive; the oldest are dropped first
     added: int = Field(ge=0)  # most novel individuals of a generation that are added to it
     tournament: int = Field(ge=1)  # tournament size; the most novel individual wins
-
-    def faults(self, schema: Schema) -> Iterator[str]:
-        """See `Search`."""
-        return faults("search.policy.descriptor", self.descriptor, schema)
 
 
 @dataclass(frozen=True, slots=True)

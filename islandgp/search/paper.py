@@ -14,14 +14,14 @@ from typing import Annotated, Any, ClassVar, Final
 
 from pydantic import BaseModel, Field, NonNegativeInt, model_validator
 
-from islandgp.bt.core.node import Node
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import (
     Advice,
     Evaluated,
     Individual,
     Origin,
-    edited_individuals,
+    Proposal,
+    in_slots,
     ranked,
 )
 from islandgp.gp.random_trees import random_tree
@@ -116,11 +116,12 @@ class Paper:
     def ask(self, state: SearchState, streams: Streams) -> Iterator[Individual]:
         """Line 2 of Algorithm 1 for generation 0, lines 8 to 15 for the others."""
         if state.memory is None:
-            return first_population(self.plan, streams)
+            return in_slots(first_population(self.plan, streams), 0)
         parents: Parents = state.memory
         advice = state.advice or Advice(self.plan.gp.mutation_rate)
         population = next_population(self.plan, parents, streams, state.generation, advice)
-        return mutated(self.plan, population, streams, state.generation, advice.rate)
+        changed = mutated(self.plan, population, streams, state.generation, advice.rate)
+        return in_slots(changed, state.generation)
 
     def tell(
         self, state: SearchState, evaluated: Sequence[Evaluated], advice: Advice
@@ -134,14 +135,14 @@ class Paper:
         return SearchState(state.generation + 1, Parents(tuple(evaluated), archive), advice)
 
 
-def first_population(plan: Plan, streams: Streams) -> Iterator[Individual]:
+def first_population(plan: Plan, streams: Streams) -> Iterator[Proposal]:
     """Yields the plan's founders, then random trees, each drawn from the stream of its slot."""
     founders = plan.founders[: plan.gp.population]
-    for slot, tree in enumerate(founders):
-        yield Individual(f"0.{slot}", tree, Origin.INJECTED)
+    for tree in founders:
+        yield Proposal(tree, Origin.INJECTED)
     for slot in range(len(founders), plan.gp.population):
         tree = random_tree(streams(Stream.INITIAL, slot=slot), plan.space)
-        yield Individual(f"0.{slot}", tree, Origin.RANDOM)
+        yield Proposal(tree, Origin.RANDOM)
 
 
 def update_behaviour_archive(
@@ -190,28 +191,25 @@ def elites(
     allocation: Allocation,
     archive: BehaviourArchive,
     behaviours: Sequence[str],
-) -> list[tuple[Origin, str, Node]]:
-    """The elites, behavioural elites and resurrected individuals of the next population.
-
-    Each is the origin, the id and the tree of an individual that stays.
-    """
+) -> list[Proposal]:
+    """The elites, behavioural elites and resurrected individuals of the next population."""
     n, order = len(population), ranked(tuple(population))
     best = order[: scaled(allocation.elites, allocation, n)]
     elite_ids = {e.individual.id for e in best}
-    slots = [(Origin.ELITE, e.individual.id, e.individual.tree) for e in best]
+    slots = [Proposal(e.individual.tree, Origin.ELITE, (e.individual.id,)) for e in best]
     room = scaled(allocation.behavioural_elites, allocation, n)
     for behaviour in behaviours:
         i = next((e.individual for e in order if behaviour in e.labels.behaviours), None)
         if room and i is not None and i.id not in elite_ids:
             elite_ids.add(i.id)
             room -= 1
-            slots.append((Origin.BEHAVIOURAL_ELITE, i.id, i.tree))
+            slots.append(Proposal(i.tree, Origin.BEHAVIOURAL_ELITE, (i.id,)))
     alive = {behaviour for e in population for behaviour in e.labels.behaviours}
     # An individual may be the best of several behaviours; it is resurrected once.
     lost = [e.individual for name, (_, e) in archive.items() if name not in alive]
     extinct = list({i.id: i for i in lost}.values())
     slots += [
-        (Origin.RESURRECTED, a.id, a.tree)
+        Proposal(a.tree, Origin.RESURRECTED, (a.id,))
         for a in extinct[: scaled(allocation.resurrected, allocation, n)]
     ]
     return slots
@@ -223,7 +221,7 @@ def next_population(
     streams: Streams,
     generation: int,
     advice: Advice,
-) -> Iterator[Individual]:
+) -> Iterator[Proposal]:
     """Yields the population of `generation`, before mutation, of the same size as the last one.
 
     Edited trees replace tournament children.
@@ -233,23 +231,22 @@ def next_population(
     n, allocation = len(population), plan.allocation
     behaviours = plan.classes.elite_behaviours
     survivors = elites(population, allocation, parents.archive, behaviours)[: n - 2 - len(edited)]
-    for slot, (origin, parent, tree) in enumerate(survivors):
-        yield Individual(f"{generation}.{slot}", tree, origin, (parent,))
+    yield from survivors
     first = len(survivors)  # diversity slot
     end = first + diversity_slots(allocation, n, first + len(edited), spread)
     for slot in range(first, end):
         if slot == first and advice.tree is not None:
-            yield Individual(f"{generation}.{slot}", advice.tree, Origin.INJECTED)
+            yield Proposal(advice.tree, Origin.INJECTED)
             continue
         rng = streams(Stream.DIVERSITY, generation=generation, slot=slot)
-        yield Individual(f"{generation}.{slot}", random_tree(rng, plan.space), Origin.RANDOM)
-    yield from edited_individuals(edited, generation, end)
+        yield Proposal(random_tree(rng, plan.space), Origin.RANDOM)
+    yield from edited
     yield from _children(plan, population, streams, generation, end + len(edited))
 
 
 def _children(
     plan: Plan, population: Sequence[Evaluated], streams: Streams, generation: int, first: int
-) -> Iterator[Individual]:
+) -> Iterator[Proposal]:
     """Yields the tournament children in the slots from `first` on."""
     n, gp = len(population), plan.gp
     select, cross = selection(gp.selection), crossover(gp.crossover)
@@ -270,12 +267,12 @@ def _children(
             crossed = cross(rng, tree, parents[1].tree, gp.limits)
             tree, origin = plan.space.repaired(crossed), Origin.CROSSOVER
         ids = tuple(parent.id for parent in parents)
-        yield Individual(f"{generation}.{slot}", tree, origin, ids)
+        yield Proposal(tree, origin, ids)
 
 
 def mutated(
-    plan: Plan, population: Iterable[Individual], streams: Streams, generation: int, rate: float
-) -> Iterator[Individual]:
+    plan: Plan, population: Iterable[Proposal], streams: Streams, generation: int, rate: float
+) -> Iterator[Proposal]:
     """Line 15: mutation of the constructed population; elites if `gp.mutate_elites` (2.4.3).
 
     Edited trees are evaluated unchanged.

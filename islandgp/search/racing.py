@@ -24,12 +24,11 @@ from dataclasses import dataclass, replace
 from math import sqrt
 from typing import Any, ClassVar, Final, Self
 
-import numpy as np
 from pydantic import Field, FiniteFloat
 
 from islandgp.bt.core.node import Node, size
 from islandgp.errors import ConfigError
-from islandgp.gp.evidence import Evidence, estimate
+from islandgp.gp.evidence import Evidence, digest, estimate
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Evaluated
 from islandgp.gp.selection import by_rank
@@ -43,12 +42,11 @@ from islandgp.search.breeding import (
     Parent,
     Pick,
     Slots,
-    digest,
     evidence_by_digest,
 )
 from islandgp.search.compose import priority_lists
 from islandgp.search.lexicase import lexicase_draw
-from islandgp.seeding import Stream, Streams
+from islandgp.seeding import Rng, Stream, Streams
 
 
 class RacingSettings(BreedingSettings, frozen=True):
@@ -165,7 +163,7 @@ class Racing(BreedingSearch[RacingSettings]):
         last = memory.last
         specialist = lexicase_draw(last, [e.episodes for e in last]) if last else None
 
-        def pick(rng: np.random.Generator) -> tuple[Parent, Sequence[Parent]]:
+        def pick(rng: Rng) -> tuple[Parent, Sequence[Parent]]:
             if specialist is not None and rng.random() < self.settings.specialists:
                 return specialist(rng), fathers
             return by_rank(rng, parents), fathers

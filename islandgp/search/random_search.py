@@ -12,6 +12,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar
 
+from islandgp.gp.evidence import digest
 from islandgp.gp.population import Evaluated
 from islandgp.search.base import SearchState
 from islandgp.search.breeding import (
@@ -19,7 +20,6 @@ from islandgp.search.breeding import (
     BreedingSearch,
     GenerationPlan,
     RandomTrees,
-    digest,
 )
 
 

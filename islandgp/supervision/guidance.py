@@ -24,7 +24,7 @@ from islandgp.errors import SupervisionError, TreeError
 from islandgp.gp.archive import Elite
 from islandgp.gp.edits import Edit, EditRecord, as_record, edited
 from islandgp.gp.plan import Plan
-from islandgp.gp.population import Advice, EditedTree
+from islandgp.gp.population import Advice, Origin, Proposal
 from islandgp.gp.record import GuidanceRecord, IndividualRecord
 from islandgp.plugin import path_of, plugin_errors
 from islandgp.scoring.state import PopulationState
@@ -258,12 +258,12 @@ def _why_refused(tree: Node, plan: Plan, search: Search) -> str:
 
 def decide_edits(
     plan: Plan, search: Search, edits: Sequence[Edit], names: Nameable
-) -> tuple[tuple[EditRecord, ...], tuple[EditedTree, ...]]:
+) -> tuple[tuple[EditRecord, ...], tuple[Proposal, ...]]:
     """The records of a supervisor's edits, and the trees of those that are accepted.
 
     Edits are processed in order until all slots are taken.
     """
-    records, trees = list[EditRecord](), list[EditedTree]()
+    records, trees = list[EditRecord](), list[Proposal]()
     for edit in edits:
         refused = ""
         try:
@@ -275,8 +275,8 @@ def decide_edits(
 
 
 def _edited_tree(
-    plan: Plan, search: Search, edit: Edit, names: Nameable, before: Sequence[EditedTree]
-) -> EditedTree:
+    plan: Plan, search: Search, edit: Edit, names: Nameable, before: Sequence[Proposal]
+) -> Proposal:
     """The tree of an edit, after those `before`. Raises ValueError with the reason to refuse it."""
     slots = plan.switches.edits
     if not slots:
@@ -290,4 +290,4 @@ def _edited_tree(
     tree = edited(edit, named, plan.vocabulary, plan.gp.limits)
     if tree in [other.tree for other in before]:
         raise ValueError("an edit before it makes the same tree")
-    return EditedTree(tree, parents, f"edit:{edit.kind}")
+    return Proposal(tree, Origin.EDITED, parents, f"edit:{edit.kind}")

@@ -6,13 +6,13 @@ from collections import Counter
 from collections.abc import Hashable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
-from math import inf
 from typing import Any, Final
 
 from islandgp.bt.core.engine import ABORTED
 from islandgp.bt.core.language import to_text
 from islandgp.bt.core.node import AGAIN, FAILURE, STATUS_NAMES, SUCCESS, Node, walk
 from islandgp.domain import Domain, Observer, Outcome, Scene, Schema, SimulatorDomain, prepare
+from islandgp.domain.checks import ValueRange
 from islandgp.errors import IslandError, TimeLimitError
 from islandgp.plugin import raised_in
 from islandgp.time_limit import time_limit
@@ -200,7 +200,7 @@ class Record(Observer):
         for (name, key), value in zip(keys.items(), board, strict=False):
             low, high = self.ends.get(name, (value, value))
             self.ends[name] = min(low, value), max(high, value)
-            most = 1 if key.flag else inf if key.most is None else key.most
+            _, most, _ = ValueRange.of(key)
             if not key.low <= value <= most or ((key.flag or key.whole) and value % 1):
                 whole = "a whole number as " if key.flag or key.whole else ""
                 self._fault(Promise.RANGES, f"{whole}{key.low:g} <= {name} <= {most:g}", f"{value}")

@@ -33,9 +33,9 @@ def test_the_peer_does_the_same_work(tree: str) -> None:
     for seed in range(4):
         episode = run_episode(example(tree), world, seed, points())
         peer = run_peer_episode(example(tree), world, seed, points())
-        ours.update(event for _, event, _ in episode.events)
+        ours.update(event for _, event, _ in episode.event_log.events)
         theirs.update(peer.counts)
-        assert peer.steps == pytest.approx(episode.steps, rel=0.05)
+        assert peer.steps == pytest.approx(episode.step, rel=0.05)
     for event in WORK:
         assert theirs[event] == pytest.approx(ours[event], rel=0.05, abs=1), event.name
     assert sum(theirs[event] for event in WORK) > 10
@@ -48,7 +48,7 @@ def test_the_peer_charges() -> None:
 
     world = endless(settings().world, robot={"battery_start": 30, "drain_moving": 0.5})
     episode = run_episode(example("all_rounder"), world, 1, points())
-    charges = sum(event == "charge" for _, event, _ in episode.events)
+    charges = sum(event == "charge" for _, event, _ in episode.event_log.events)
     peer = run_peer_episode(example("all_rounder"), world, 1, points())
     assert charges >= 2
     assert peer.counts["charge"] == charges

@@ -81,7 +81,7 @@ def trees(
             made.append(new_tree(rng, space, breeding))
         else:
             recent = [Parent("", made[-1 - int(k)]) for k in rng.integers(PARENTS, size=2) % i]
-            made.append(new_child(rng, recent[0], recent[1:], space, breeding)[0])
+            made.append(new_child(rng, recent[0], recent[1:], space, breeding).tree)
         yield made[-1]
 
 

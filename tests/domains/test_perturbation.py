@@ -200,7 +200,7 @@ def test_wrong_declarations(noise: float, message: str) -> None:
     with pytest.raises(DomainError, match=message):
         Vocabulary("odd", {"Wait": Action("")}, {"x": number("", 0, 1, noise=noise)})
     vocabulary = Vocabulary("odd", {"Wait": Action("")}, {})
-    with pytest.raises(DomainError, match="Expected a delay of 0 to"):
+    with pytest.raises(DomainError, match="equal to 0 for the delay"):
         Schema(vocabulary, {"points": ""}, {}, "", delay=-1)
 
 

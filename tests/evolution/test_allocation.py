@@ -16,7 +16,7 @@ from pydantic import ValidationError
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import Node
 from islandgp.domain import Outcome
-from islandgp.gp.population import Advice, Evaluated, Individual, Origin, ranked
+from islandgp.gp.population import Advice, Evaluated, Individual, Origin, in_slots, ranked
 from islandgp.gp.selection import pick_parent, tournament
 from islandgp.search.paper import (
     Allocation,
@@ -85,15 +85,14 @@ def built(
     plan = composed_plan()
     if archive is None:
         archive = update_behaviour_archive({}, population, BEHAVIOURS, 0)
-    return tuple(
-        next_population(
-            replace(plan, allocation=allocation or plan.allocation),
-            Parents(tuple(population), dict(archive)),
-            Streams(seed),
-            5,
-            Advice(0.0, injected),
-        )
+    proposals = next_population(
+        replace(plan, allocation=allocation or plan.allocation),
+        Parents(tuple(population), dict(archive)),
+        Streams(seed),
+        5,
+        Advice(0.0, injected),
     )
+    return tuple(in_slots(proposals, 5))
 
 
 def archived(population: Sequence[Evaluated]) -> BehaviourArchive:

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 
 from islandgp.bt.core.language import parse
-from islandgp.bt.core.node import Node
-from islandgp.gp.population import Advice, Origin
+from islandgp.gp.population import Advice, Origin, Proposal
 from islandgp.search.breeding import Breeding, Parent, new_child
 from islandgp.search.racing import RacingSettings
 from tests.composed import composed, composed_plan
@@ -21,10 +20,8 @@ FATHER = parse(
     "selector { when foundGarbage { PickupGarbage } when batteryLevel < 9 { SeekCharger } }"
 )
 
-Child = tuple[Node, Origin, tuple[str, ...], str]
 
-
-def children(father: Parent, crossover_rate: float) -> Iterator[Child]:
+def children(father: Parent, crossover_rate: float) -> Iterator[Proposal]:
     """A hundred children of `search=racing`."""
     policy = composed("search=racing").search.settings()
     assert isinstance(policy, RacingSettings)
@@ -38,25 +35,25 @@ def children(father: Parent, crossover_rate: float) -> Iterator[Child]:
 def test_a_child_of_two_individuals_names_both() -> None:
     """It is a crossover; where the crossover changes nothing, it is a mutated copy."""
     offspring = list(children(Parent("3.2", FATHER), crossover_rate=1.0))
-    assert {(origin, parents) for _, origin, parents, _ in offspring} <= {
+    assert {(each.origin, each.parents) for each in offspring} <= {
         (Origin.CROSSOVER, ("3.1", "3.2")),
         (Origin.COPY, ("3.1",)),
     }
-    assert sum(origin == Origin.CROSSOVER for _, origin, _, _ in offspring) > 80
+    assert sum(each.origin == Origin.CROSSOVER for each in offspring) > 80
 
 
 def test_a_crossover_with_a_tree_of_the_library_has_one_parent() -> None:
     """A tree of the library is no individual, so it has no id."""
     offspring = list(children(Parent("", FATHER), crossover_rate=1.0))
-    assert {parents for _, _, parents, _ in offspring} == {("3.1",)}
-    assert sum(origin == Origin.CROSSOVER for _, origin, _, _ in offspring) > 80
+    assert {each.parents for each in offspring} == {("3.1",)}
+    assert sum(each.origin == Origin.CROSSOVER for each in offspring) > 80
 
 
 def test_without_crossover_every_child_is_a_mutated_copy() -> None:
     """At least one mutation was tried for each."""
     offspring = list(children(Parent("3.2", FATHER), crossover_rate=0.0))
-    assert {(origin, parents) for _, origin, parents, _ in offspring} == {(Origin.COPY, ("3.1",))}
-    assert all(mutation or tree == MOTHER for tree, _, _, mutation in offspring)
+    assert {(each.origin, each.parents) for each in offspring} == {(Origin.COPY, ("3.1",))}
+    assert all(each.mutation or each.tree == MOTHER for each in offspring)
 
 
 @pytest.mark.parametrize("name", ["racing", "hill", "lexicase", "map_elites", "novelty", "nsga2"])

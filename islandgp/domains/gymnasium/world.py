@@ -49,12 +49,6 @@ class Observation(BaseModel, frozen=True, extra="forbid"):
     step: float = Field(default=0.1, gt=0)  # distance between two thresholds of random trees
     noise: float = Field(default=0.0, ge=0, le=1e6)  # standard deviation in perturbed worlds
 
-    @model_validator(mode="after")
-    def _rising(self) -> Self:
-        if self.range[0] >= self.range[1]:
-            raise ValueError(f"range: expected two rising numbers, found {list(self.range)}")
-        return self
-
     @property
     def bounds(self) -> tuple[float, float]:
         """The range to which values are clipped."""
@@ -84,16 +78,6 @@ class Filled(BaseModel, frozen=True, extra="forbid"):
     step: float | None = Field(default=None, gt=0)  # of random numbers; None: any number
     logarithmic: bool = False
     unit: str = ""
-
-    @model_validator(mode="after")
-    def _within(self) -> Self:
-        low, high = self.range
-        if low >= high or (self.logarithmic and low <= 0):
-            above = " above 0" if self.logarithmic else ""
-            raise ValueError(f"range: expected two rising numbers{above}, found {[low, high]}")
-        if self.default is not None and not low <= self.default <= high:
-            raise ValueError(f"default: expected {low:g} to {high:g}, found {self.default:g}")
-        return self
 
     def parameter(self) -> Parameter:
         """The parameter for the vocabulary."""

@@ -24,7 +24,7 @@ from islandgp.domain import (
 )
 from islandgp.domain.rewards import worth
 from islandgp.domains.island import world as settings
-from islandgp.domains.island.events import EVENTS, Episode
+from islandgp.domains.island.events import EVENTS
 from islandgp.domains.island.schedule import obstacles
 from islandgp.domains.island.vocabulary import ACTIONS, SCHEMA, IslandAction
 from islandgp.errors import DomainError
@@ -130,7 +130,7 @@ class Island:
             board = island.board.tolist() if sensors is None else sensors.values
             observer.tick(board, None if fixed is None else self._scene(island, fixed))
 
-        episode = run_episode(
+        island = run_episode(
             tree,
             self.world,
             seed,
@@ -141,31 +141,28 @@ class Island:
             observe=None if observer is None else observe,
             sensors=sensors,
         )
-        return self._outcome(episode)
-
-    def _outcome(self, episode: Episode) -> Outcome:
-        counts = dict.fromkeys(EVENTS, 0.0)
-        sums = dict.fromkeys(EVENTS, 0.0)
-        for _, event, amount in episode.events:
+        log = island.event_log
+        counts, amounts = dict.fromkeys(EVENTS, 0.0), dict.fromkeys(EVENTS, 0.0)
+        for _, event, amount in log.events:
             counts[event] += 1
-            sums[event] += amount
+            amounts[event] += amount
         return Outcome(
-            components={**dict.fromkeys(self.schema.components, 0.0), **episode.points},
+            components={**dict.fromkeys(self.schema.components, 0.0), **log.points},
             counters={
                 "pickups": counts["pickup"],
                 "interactions": counts["interaction"],
                 "deliveries": counts["delivery"],
                 "charges": counts["charge"],
-                "gathered": sums["pickup"] + sums["interaction"],
-                "delivered": sums["delivery"],
+                "gathered": amounts["pickup"] + amounts["interaction"],
+                "delivered": amounts["delivery"],
                 "collisions": counts["collision"],
-                "distance": episode.distance,
-                "inactive": episode.inactive,
-                "laps": float(episode.laps),
-                "battery": episode.battery,
+                "distance": island.odometer * island.stride,
+                "inactive": (island.step - island.last_action) * self.step_s,
+                "laps": float(island.laps),
+                "battery": max(0, island.battery) / settings.MICRO,
             },
-            seconds=episode.steps * self.step_s,
-            endings=(episode.ending,),
+            seconds=island.step * self.step_s,
+            endings=(island.ending,),
         )
 
     def _fixed(self) -> tuple[Shape, ...]:

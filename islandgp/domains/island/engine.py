@@ -72,6 +72,7 @@ def before_tick(s):
     refresh(s)
     s.changed = s.acted = s.world_changed = s.patrolling = s.restarted = s.driving = s.charging = 0
     s.resumed = s.status >= RUNNING
+    s.ticks += 1
     s.wake, s.free_distance = FAR, s.perception  # no farther: the rest is unknown
 
 

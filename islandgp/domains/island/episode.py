@@ -11,10 +11,10 @@ from islandgp.bt.core.kinds import needs_each_tick
 from islandgp.bt.core.node import compares_keys, thresholds, walk
 from islandgp.domain import FAILURE, Node, Sensors
 from islandgp.domains.island import engine
-from islandgp.domains.island.events import Award, Episode
+from islandgp.domains.island.events import Award
 from islandgp.domains.island.state import State
 from islandgp.domains.island.vocabulary import ACTIONS, VOCABULARY, IslandAction
-from islandgp.domains.island.world import MICRO, IslandWorld
+from islandgp.domains.island.world import IslandWorld
 from islandgp.leaves import status_of
 from islandgp.time_limit import Overdue
 
@@ -39,8 +39,8 @@ def run_episode(
     watch: Callable[[int, int], None] | None = None,
     observe: Callable[[State], None] | None = None,
     sensors: Sensors | None = None,
-) -> Episode:
-    """Runs an episode; the outcome is a function of tree, world, seed, award and actions.
+) -> State:
+    """The island after an episode, a function of tree, world, seed, award and actions.
 
     Args:
         tree: the robot's tree.
@@ -72,19 +72,21 @@ def run_episode(
         bound, step_s = _bound_actions(tree, island, actions), world.episode.step
         keys = VOCABULARY.key_index
         tick = compile_tree(tree, bound, board, keys, watch=watch, step_s=step_s, seed=seed)
-        status, ticks = FAILURE, 0
+        status = FAILURE
         while (task := engine.proceed(island.record, status)) < engine.ENDED:
             island.count_events()
             if task == engine.TICK:
                 if sensors is not None:
                     board[:] = sensors(island.board)
                 status = tick()
-                ticks += 1
                 if observe is not None:
                     observe(island)
         island.physics.idle.append(island.physics)
         if task == engine.ENDED:
-            return _outcome(island, ticks)
+            if island.ending == "shutdown":
+                island.log("shutdown", 1)
+            island.log("leftover", int(island.garbage["present"].sum()))
+            return island
         may_coast = False  # two contacts of one body: the episode is repeated
 
 
@@ -119,34 +121,3 @@ def _shared(leaf: Callable[[bool], int], island: State, fresh: bool) -> int:
     if fresh:
         island.restarted = True
     return leaf(fresh)
-
-
-def _outcome(island: State, ticks: int) -> Episode:
-    """Records the last events; returns the episode's outcome."""
-    ending = _ending(island)
-    if ending == "shutdown":
-        island.log("shutdown", 1)
-    island.log("leftover", int(island.garbage["present"].sum()))
-    step = island.world.episode.step
-    return Episode(
-        events=tuple(island.event_log.events),
-        steps=island.step,
-        ending=ending,
-        fitness=island.event_log.fitness,
-        points=island.event_log.points,
-        battery=max(0, island.battery) / MICRO,
-        distance=island.odometer * island.stride,
-        inactive=(island.step - island.last_action) * step,
-        laps=island.laps,
-        ticks=ticks,
-    )
-
-
-def _ending(island: State) -> str:
-    """The reason for the end of the episode."""
-    if island.battery <= 0:
-        return "shutdown"
-    if island.step >= island.length:
-        return "time"
-    start = island.negative_since
-    return "negative" if 0 <= start <= island.step - island.negative else "stagnation"

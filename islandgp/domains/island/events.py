@@ -1,9 +1,8 @@
-"""Events of the island that can be worth points, their log, and the outcome of an episode."""
+"""Events of the island that can be worth points, and their log."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
 from typing import Final
 
 from islandgp.domains.island.vocabulary import SCHEMA
@@ -47,19 +46,3 @@ class IslandEventLog:
             self.negative_since = -1
         elif self.negative_since < 0:
             self.negative_since = step
-
-
-@dataclass(frozen=True, slots=True)
-class Episode:
-    """The outcome of an episode."""
-
-    events: tuple[tuple[int, str, float], ...]  # (step, event, amount), in order
-    steps: int  # simulated steps, >= 1
-    ending: str  # one of `SCHEMA.endings`
-    fitness: float  # points of all events
-    points: Mapping[str, float]  # by component, of those that earned some
-    battery: float  # % at the end
-    distance: float  # m driven
-    inactive: float  # s since the last non-movement action
-    laps: int  # patrol rounds finished
-    ticks: int  # how often the tree was ticked; a cost, not a result

@@ -29,7 +29,7 @@ EPISODE: Final = _record(
     whole=(
         "step phase end due wake",  # end of the episode; due, wake: steps of the next tick
         "stepwise timed may_coast",  # how it is simulated, see `episode.run_episode`
-        "status resumed restarted",  # of the tree; restarted: a leaf whose action others share
+        "status resumed restarted ticks",  # of the tree; restarted: a leaf of a shared action
         "changed world_changed acted",  # by this tick: a flag, something that the next one may read
         "patrolling driving charging idle last_action",
         "battery spent drain_moving drain_standing charge",  # changes in a step

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import lru_cache
 from math import ceil, inf
 from typing import Any, Final
@@ -88,7 +88,10 @@ class State:
             "contacts": self.physics.contacts.table,
         }
         self._kept = kept, tables  # as long as their addresses are in use
-        self._set_tables(tables)
+        for name, values in tables.items():
+            self._numbers[_AT[f"{name}_at"]] = values.ctypes.data
+            if name in _AT:
+                self._numbers[_AT[name]] = values.size
         for name, value in {
             "space": address(self.physics.space),
             "body": robot,
@@ -98,12 +101,6 @@ class State:
             **flags,
         }.items():
             self._numbers[_AT[name]] = value
-
-    def _set_tables(self, tables: Mapping[str, Table]) -> None:
-        for name, values in tables.items():
-            self._numbers[_AT[f"{name}_at"]] = values.ctypes.data
-            if name in _AT:
-                self._numbers[_AT[name]] = values.size
 
     def __getattr__(self, name: str) -> Any:
         """A field of the record."""
@@ -117,6 +114,16 @@ class State:
             self.record[name] = value
         else:
             object.__setattr__(self, name, value)
+
+    @property
+    def ending(self) -> str:
+        """The reason for the end of the episode, one of `SCHEMA.endings`."""
+        if self.battery <= 0:
+            return "shutdown"
+        if self.step >= self.length:
+            return "time"
+        start = self.negative_since
+        return "negative" if 0 <= start <= self.step - self.negative else "stagnation"
 
     def count_events(self) -> None:
         """Counts the events of compiled functions."""

@@ -15,7 +15,7 @@ from islandgp.bt.core.engine import Tick, compile_tree
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, ActionArgs, Node
 from islandgp.bt.core.printer import head
 from islandgp.bt.core.vocabulary import Vocabulary
-from islandgp.search.breeding import digest
+from islandgp.gp.evidence import digest
 from islandgp_plans.action_models import ActionSample, without_numbers
 
 Calls = tuple[ActionArgs, ...]

@@ -39,11 +39,12 @@ from islandgp.bt.core.node import (
 )
 from islandgp.bt.core.printer import head
 from islandgp.bt.core.vocabulary import Vocabulary
+from islandgp.gp.evidence import digest
 from islandgp.gp.plan import Plan
-from islandgp.gp.population import Evaluated, Origin
+from islandgp.gp.population import Evaluated, Origin, Proposal
 from islandgp.gp.random_trees import weighted
 from islandgp.search.base import SearchState
-from islandgp.search.breeding import GenerationPlan, Pick, Proposal, digest, new_child
+from islandgp.search.breeding import GenerationPlan, Pick, new_child
 from islandgp.search.racing import Racing, RacingMemory, RacingSettings
 from islandgp_plans.action_models import (
     ActionModel,
@@ -121,7 +122,7 @@ class Plans(Racing):
             for _ in range(CHILDREN):
                 mother, fathers = contents.pick(rng)
                 child = new_child(rng, mother, fathers, self.plan.space, self.settings.breeding)
-                if not screen.neutral(child[0], mother.tree):
+                if not screen.neutral(child.tree, mother.tree):
                     break
             return child
 
@@ -212,7 +213,8 @@ class PlanMaker:
             tree, parents = proposal
             tree = simplify(self.space.repaired(tree), self.space.vocabulary).tree
             if within(tree, self.space.limits):
-                return tree, Origin.COPY if parents else Origin.RANDOM, parents, name
+                origin = Origin.COPY if parents else Origin.RANDOM
+                return Proposal(tree, origin, parents, name)
         return None
 
     def _mother(self, rng: np.random.Generator) -> tuple[Node | None, tuple[str, ...]]:

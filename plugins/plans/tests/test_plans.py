@@ -23,6 +23,7 @@ from islandgp.evaluation.base import Evaluator, Problem
 from islandgp.evaluation.processes import Processes
 from islandgp.evaluation.serial import Serial
 from islandgp.evolution.loop import evolve
+from islandgp.gp.evidence import digest
 from islandgp.gp.plan import Plan
 from islandgp.gp.record import RunState, Step
 from islandgp.records.checkpoint import read_checkpoint, save_state
@@ -31,7 +32,6 @@ from islandgp.running.parts import make_search
 from islandgp.running.report import report
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.curriculum import Curriculum
-from islandgp.search.breeding import digest
 from islandgp.search.racing import RacingMemory
 from islandgp.supervision.base import GenerationView
 from islandgp_plans.action_models import ActionModel, ActionSample, Learner, recorded

@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 from islandgp.bt.core.language import parse
-from islandgp.bt.core.node import STATUS_NAMES
+from islandgp.bt.core.node import STATUS_NAMES, Node
 from islandgp.domain.rewards import worth
-from islandgp.domains.island.episode import run_episode
-from islandgp.domains.island.events import Award, Episode
+from islandgp.domains.island import episode
+from islandgp.domains.island.events import Award
 from islandgp.domains.island.state import State
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.domains.island.world import MICRO, IslandWorld
@@ -55,6 +56,41 @@ def points(stage: int = 0) -> Award:
     """The paper's rewards in a stage (from 0)."""
     settings = composed()
     return worth(settings.rewards, settings.curriculum.multipliers(stage))
+
+
+@dataclass(frozen=True)
+class Episode:
+    """What tests compare of an episode that has ended."""
+
+    events: tuple[tuple[int, str, float], ...]  # (step, event, amount), in order
+    steps: int
+    ending: str
+    fitness: float
+    points: Mapping[str, float]  # by component, of those that earned some
+    battery: float  # % at the end
+    distance: float  # m driven
+    inactive: float  # s since the last non-movement action
+    laps: int
+    ticks: int  # how often the tree was ticked; a cost, not a result
+
+
+def run_episode(
+    tree: Node, island: IslandWorld, seed: int, award: Award, **options: Any
+) -> Episode:
+    """Runs an episode; `options` are those of the island's function."""
+    end = episode.run_episode(tree, island, seed, award, **options)
+    return Episode(
+        events=tuple(end.event_log.events),
+        steps=end.step,
+        ending=end.ending,
+        fitness=end.event_log.fitness,
+        points=end.event_log.points,
+        battery=max(0, end.battery) / MICRO,
+        distance=end.odometer * end.stride,
+        inactive=(end.step - end.last_action) * island.episode.step,
+        laps=end.laps,
+        ticks=end.ticks,
+    )
 
 
 @dataclass(frozen=True)
@@ -125,7 +161,7 @@ def day(tree: str, island: IslandWorld, *, seed: int = 0, stage: int = 0) -> Day
             )
         )
 
-    episode = run_episode(
+    ended = run_episode(
         parse(tree, VOCABULARY),
         island,
         seed,
@@ -134,4 +170,4 @@ def day(tree: str, island: IslandWorld, *, seed: int = 0, stage: int = 0) -> Day
         watch=watch,
         observe=observe,
     )
-    return Day(episode, tuple(moments))
+    return Day(ended, tuple(moments))

@@ -9,12 +9,11 @@ import numpy as np
 import pytest
 
 from islandgp.bt.core.language import parse
-from islandgp.domains.island.episode import run_episode
 from islandgp.domains.island.vocabulary import ACTIONS
 from islandgp.domains.island.world import IslandWorld
 from islandgp.errors import DomainError
 from tests.domains.island.conftest import Lay
-from tests.domains.island.days import day, points, world
+from tests.domains.island.days import day, points, run_episode, world
 
 GARBAGE_KEY, HUMANOID_KEY = 3, 4  # places on the blackboard
 

@@ -15,10 +15,8 @@ from typing import Any
 import pytest
 
 from islandgp.bt.core.language import parse
-from islandgp.domains.island.episode import run_episode
-from islandgp.domains.island.events import Episode
 from islandgp.resources import resource
-from tests.domains.island.days import points, world
+from tests.domains.island.days import Episode, points, run_episode, world
 
 ALL_ROUNDER = {"ticks": 270, "python": 5_350, "builtin": 1_250}
 """The most that a full-length episode of the all-rounder may take."""

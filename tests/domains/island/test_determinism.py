@@ -20,8 +20,6 @@ from hypothesis import strategies as st
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Limits, Node, within
 from islandgp.domains.island import episode
-from islandgp.domains.island.episode import run_episode
-from islandgp.domains.island.events import Episode
 from islandgp.domains.island.space import idle_spaces
 from islandgp.domains.island.state import State
 from islandgp.domains.island.vocabulary import VOCABULARY
@@ -29,7 +27,7 @@ from islandgp.domains.island.world import IslandWorld
 from islandgp.gp.random_trees import random_tree
 from tests.composed import composed_plan
 from tests.domains.island.conftest import Lay
-from tests.domains.island.days import day, points, world
+from tests.domains.island.days import Episode, day, points, run_episode, world
 from tests.domains.island.odd import odd_worlds
 from tests.goldens import check_golden
 from tests.profiles import examples, sweep
@@ -333,8 +331,7 @@ def test_another_process() -> None:
     """Another process, with another hash seed, comes to the same episode."""
     code = (
         "from islandgp.bt.core.language import parse\n"
-        "from islandgp.domains.island.episode import run_episode\n"
-        "from tests.domains.island.days import points\n"
+        "from tests.domains.island.days import points, run_episode\n"
         "from tests.domains.island.test_determinism import ALL_ROUNDER, busy\n"
         "print(run_episode(parse(ALL_ROUNDER), busy(), 5, points()))\n"
     )

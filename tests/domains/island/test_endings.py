@@ -5,11 +5,9 @@ from __future__ import annotations
 import pytest
 
 from islandgp.bt.core.language import parse
-from islandgp.domains.island.episode import run_episode
-from islandgp.domains.island.events import Episode
 from islandgp.domains.island.world import IslandWorld
 from tests.domains.island.conftest import Lay
-from tests.domains.island.days import day, points, world
+from tests.domains.island.days import Episode, day, points, run_episode, world
 
 PATROL, STANDING = "PatrolWaypoint", "PickupGarbage"
 

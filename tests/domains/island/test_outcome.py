@@ -2,49 +2,40 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
-
 import pytest
 
 from islandgp.bt.core.language import parse
 from islandgp.domain.rewards import worth
 from islandgp.domains.island.domain import Island
-from islandgp.domains.island.events import EVENTS, Episode, IslandEventLog
+from islandgp.domains.island.events import EVENTS
+from islandgp.domains.island.state import State
 from islandgp.domains.island.vocabulary import SCHEMA
 from tests.composed import composed
 
-EPISODE = Episode(
-    events=(
-        (1, "pickup", 1),
-        (2, "pickup", 1),
-        (3, "interaction", 7),
-        (4, "delivery", 9),
-        (5, "empty_delivery", 1),
-        (6, "charge", 30.0),
-        (7, "collision", 1),
-        (10, "leftover", 100),
-    ),
-    steps=10,
-    ending="stagnation",
-    fitness=0.0,
-    points={},
-    battery=12.5,
-    distance=80.0,
-    inactive=0.4,
-    laps=2,
-    ticks=10,
+EVENTS_LOGGED = (
+    ("pickup", 1),
+    ("pickup", 1),
+    ("interaction", 7),
+    ("delivery", 9),
+    ("empty_delivery", 1),
+    ("charge", 30.0),
+    ("collision", 1),
+    ("leftover", 100),
 )
 
 
 def test_outcome_counts_events(monkeypatch: pytest.MonkeyPatch) -> None:
     """Pickups, interactions, deliveries and charges are counted, items are added up."""
     settings = composed()
-    log = IslandEventLog(worth(settings.rewards, settings.curriculum.multipliers(0)))
-    for event in EPISODE.events:
-        log.log(*event)
-    episode = replace(EPISODE, points=log.points)
-    monkeypatch.setattr("islandgp.domains.island.episode.run_episode", lambda *_, **__: episode)
     island = Island.make(settings.world, settings.rewards)
+    end = State(settings.world, 0, worth(settings.rewards, settings.curriculum.multipliers(0)))
+    monkeypatch.setattr("islandgp.domains.island.episode.run_episode", lambda *_, **__: end)
+    assert island.run_episode(None, 0, {}).components == dict.fromkeys(SCHEMA.components, 0)  # type: ignore[arg-type]
+    for event, amount in EVENTS_LOGGED:
+        end.log(event, amount)
+    end.step, end.last_action, end.laps = 10, 6, 2
+    end.odometer = round(80 / end.stride)
+    end.battery = 12_500_000
     outcome = island.run_episode(None, 0, settings.curriculum.multipliers(0))  # type: ignore[arg-type]
     assert outcome.counters == {
         "pickups": 2,
@@ -72,10 +63,7 @@ def test_outcome_counts_events(monkeypatch: pytest.MonkeyPatch) -> None:
             "collision": -500,
         }
     )
-    assert outcome.fitness == pytest.approx(532.5) == log.fitness
-    quiet = replace(EPISODE, events=())
-    monkeypatch.setattr("islandgp.domains.island.episode.run_episode", lambda *_, **__: quiet)
-    assert island.run_episode(None, 0, {}).components == dict.fromkeys(SCHEMA.components, 0)  # type: ignore[arg-type]
+    assert outcome.fitness == pytest.approx(532.5) == end.event_log.fitness
 
 
 def test_outcomes_are_in_the_order_of_the_schema() -> None:
