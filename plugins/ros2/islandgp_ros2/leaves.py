@@ -48,10 +48,7 @@ class RosLeaves:
         self._actions = {name: RosAction(name, entry) for name, entry in entries.items()}
         self._names = {*keys.all, *(key for each in self._actions.values() for key in each.sets)}
         self._clients: dict[tuple[str, str], Any] = {}  # by server and type
-        self._new: list[Goal | Call] = []  # not sent yet
-        self._running: list[Goal | Call] = []
-        self.ending: list[Goal | Call] = []
-        """Cancelled requests without a confirmed end."""
+        self._open: list[Goal | Call] = []  # without a confirmed end
         self.leaves = {name: partial(self._run, each) for name, each in self._actions.items()}
 
     def sources(self, calls: Calls) -> set[str]:
@@ -86,35 +83,37 @@ class RosLeaves:
         One that uses a resource of an earlier one fails. One that uses a resource or the action
         server of a cancelled one waits until that has ended.
         """
-        self._running = [
-            each for each in self._running if each.cancelled_at is None and not each.is_settled
-        ]
-        for request in self.ending[:]:
-            if request.is_settled:
-                self._log.info(f"{request.action.name}: ended after its cancellation")
-                self.ending.remove(request)
-            elif request.gives_up():
-                self._log.warning(
-                    f"{request.action.name} may still run: {request.place} does not answer"
-                )
-                self.ending.remove(request)
-        if any(each.awaits_answer for each in self.ending):
+        self._open = [each for each in self._open if not self._has_ended(each)]
+        if any(each.awaits_answer for each in self.ending()):
             return
-        for request in self._new[:]:
-            earlier = [*self._running, *self._new[: self._new.index(request)]]
-            if request.cancelled_at is not None or request.succeeded is not None:
-                self._new.remove(request)
-            elif clash := _clash(request, earlier):
+        for at, request in enumerate(self._open):
+            if request.sent_at is not None or request.succeeded is not None:
+                continue
+            going = [each for each in self._open if each.cancelled_at is None]
+            earlier = [each for each in going if each.sent_at or each in self._open[:at]]
+            if clash := _clash(request, earlier):
                 request.fail(f"not sent, because of {clash} and has not ended")
-            elif clash := _clash(request, self.ending, same_server=True):
+            elif clash := _clash(request, self.ending(), same_server=True):
                 request.waits_for = f"waited for the end of {clash}, which was cancelled,"
             elif request.client.service_is_ready():
                 request.send()
                 self._log.info(f"{request.action.name}: sent to {request.place}")
-                self._new.remove(request)
-                self._running.append(request)
             else:
                 request.waits_for = "no server"
+
+    def ending(self) -> list[Goal | Call]:
+        """Cancelled requests without a confirmed end."""
+        return [each for each in self._open if each.cancelled_at and not each.is_settled]
+
+    def _has_ended(self, request: Goal | Call) -> bool:
+        """Whether nothing of a request runs, or its server has not said so for too long."""
+        name, was_cancelled = request.action.name, request.cancelled_at is not None
+        if request.is_settled and was_cancelled and request.sent_at:
+            self._log.info(f"{name}: ended after its cancellation")
+        if request.is_settled or not (was_cancelled and request.gives_up()):
+            return request.is_settled
+        self._log.warning(f"{name} may still run: {request.place} does not answer")
+        return True
 
     def _client(self, action: RosAction, place: str) -> Any:
         """The client of a server, which the actions with it share."""
@@ -129,7 +128,7 @@ class RosLeaves:
         place, uses = action.server(arguments), self._keys.vocabulary.action(action.name).uses
         makes = Goal if action.part == "goal" else Call
         request: Goal | Call = makes(action, place, self._client(action, place), message, uses)
-        self._new.append(request)
+        self._open.append(request)
         return request
 
     def _run(self, action: RosAction, /, **arguments: object) -> Generator[None, None, Any]:
@@ -177,7 +176,6 @@ class RosLeaves:
             return
         request.cancel()
         self._log.info(f"{request.action.name}: cancelled, its server has to confirm it")
-        self.ending.append(request)
 
 
 def functions(file: Path, keys: RosKeys) -> dict[str, Callable[..., Any]]:

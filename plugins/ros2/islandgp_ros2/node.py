@@ -115,11 +115,9 @@ class TreeNode:
         `may_run` then has those without it. `spin`: of `ros_node`.
         """
         self.robot_tree.stop()
-        self._actions.send()
-        self._publish(self.robot_tree.tree, None)
-        cancelled = [*self._actions.ending]
+        cancelled = self._actions.ending()
         end = monotonic() + CANCEL_S
-        while self._actions.ending and monotonic() < end:
+        while self._actions.ending() and monotonic() < end:
             spin(0.02)
             self._actions.send()
         self.may_run = [each for each in cancelled if not each.is_settled]
@@ -127,6 +125,7 @@ class TreeNode:
             self._log.error(
                 f"{each.action.name} may still run: {each.place} {each.obstacle or SILENT}"
             )
+        self._publish(self.robot_tree.tree, None)
 
     def _load(self) -> RobotTree:
         tree, keys = load_tree(self._file, self._vocabulary), self._keys

@@ -93,7 +93,8 @@ class Nav2:
         codes = self._codes.get(name, [])
         result = kind.Result(error_code=codes.pop(0) if codes else 0)
         self.tell(f"{name} {self._about(name, handle.request)}")
-        now, end = time.monotonic(), self._ends.get(name, 0.0)
+        moved = now = time.monotonic()
+        end = self._ends.get(name, 0.0)
         if end < now:  # a goal that replaces another one ends when that would
             end = now + (0.3 if result.error_code else LASTS.get(name, 0.3))
         self._ends[name] = end
@@ -111,7 +112,8 @@ class Nav2:
                 drifts = "drift" in self._codes and end - time.monotonic() < LASTS[name] - 1
                 feedback.tracking_feedback.position_tracking_error = float(drifts)
                 handle.publish_feedback(feedback)
-                self._move(0.02 * SPEED)
+                self._move((time.monotonic() - moved) * SPEED)
+                moved = time.monotonic()
             time.sleep(0.02)
         if result.error_code:
             handle.abort()

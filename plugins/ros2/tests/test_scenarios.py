@@ -150,11 +150,12 @@ def stopped(
     ends: str = "",
     says: str = "",
     before: Callable[[subprocess.Popen[bytes]], None] = lambda _: None,
+    count: int = 1,
 ) -> Callable[[Bench], float]:
     """A scenario: a signal after an event; seconds until the exit.
 
     `ends`: event of the server before the exit. `says`: text of the node. `before`: what happens to
-    the server before the signal.
+    the server before the signal. `count`: signals, 0.3 s apart.
     """
 
     def scenario(bench: Bench) -> float:
@@ -162,7 +163,9 @@ def stopped(
         node = bench.started(tree, event)
         before(server)
         start = time.monotonic()
-        node.send_signal(by)
+        for _ in range(count):
+            node.send_signal(by)
+            time.sleep(0.3)
         end = bench.exit(node, code)
         assert not ends or bench.times(ends)
         assert bench.said(says)
@@ -248,6 +251,22 @@ def server_returns(bench: Bench) -> float:
     bench.started("Wait", "/drive accepted 3")
     server.kill()
     server.wait()
+    bench.server()
+    return bench.wait("/drive accepted 3", 2) - bench.times("/drive ready")[-1]
+
+
+def service_returns(bench: Bench) -> float:
+    """The killed server of a key starts again; seconds until the key has a value."""
+    keys = (
+        "keys: {near: {service: /near, type: std_srvs/srv/SetBool, every: 0.2, max_age: 1,"
+        " default: false}}"
+    )
+    (bench.folder / "robot.yaml").write_text(MAP + keys)
+    server = bench.server()
+    bench.started("selector { when near { Drive } Wait }", "/drive accepted 3")
+    server.kill()
+    server.wait()
+    bench.until(lambda: bench.said("waiting for a value of near"))
     bench.server()
     return bench.wait("/drive accepted 3", 2) - bench.times("/drive ready")[-1]
 
@@ -364,6 +383,10 @@ SCENARIOS: dict[str, tuple[Callable[[Bench], float], float]] = {
     "SIGTERM while a goal runs": (stopped(*RUNS, 130, by=TERM, ends="/drive ended 3"), 3),
     "Ctrl-C before the acceptance": (stopped(*SLOWLY, 130, ends="/drive ended 5"), 3),
     "SIGTERM before the acceptance": (stopped(*SLOWLY, 130, by=TERM, ends="/drive ended 5"), 3),
+    "Ctrl-C, three times, before the acceptance": (
+        stopped(*SLOWLY, 130, ends="/drive ended 5", count=3),
+        3,
+    ),
     "--once before the acceptance": (once_ends, 3.5),
     "an error before the acceptance": (error_ends, 4),
     "Ctrl-C; the goal is never accepted": (stopped("Never", "/drive goal 6", 4, says=LATE), 7),
@@ -396,6 +419,7 @@ SCENARIOS: dict[str, tuple[Callable[[Bench], float], float]] = {
         3,
     ),
     "the next goal at a server that started again": (server_returns, 4),
+    "kill -9 of a key's service, which starts again": (service_returns, 6.5),
     # The goal goes on.
     "the server is suspended for 3 s": (hangs_briefly, 0.1),
     "the node is suspended for 8 s": (node_hangs_briefly, 0.1),
