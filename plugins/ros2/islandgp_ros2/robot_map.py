@@ -7,9 +7,10 @@ from pathlib import Path
 from typing import Annotated, Any, Final
 
 import yaml
+from omegaconf import OmegaConf
+from omegaconf.errors import OmegaConfBaseException
 from pydantic import BaseModel, Discriminator, Field, FiniteFloat, Tag, ValidationError
 
-from islandgp.bt.core.source import shown
 from islandgp.errors import ConfigError
 from islandgp.text_files import read_text_file
 
@@ -135,34 +136,17 @@ class RobotMap(_Entry):
     """A leaf of the tree with a key's name succeeds while the key is true."""
 
 
-class _Loader(yaml.SafeLoader):
-    """Reads YAML, of which each key of a mapping must occur once."""
-
-    def construct_mapping(self, node: Any, deep: bool = False) -> dict[Any, Any]:
-        """The mapping of a YAML node. Raises ConfigError."""
-        lines: dict[str, int] = {}
-        for key, _ in node.value:
-            mark = key.start_mark
-            if (name := str(key.value)) in lines:
-                raise ConfigError(
-                    f"{self.name}:{mark.line + 1}:{mark.column + 1}: expected each key once, found"
-                    f" {shown(name)} again, as in line {lines[name]}; rename or remove one"
-                )
-            lines[name] = mark.line + 1
-        return super().construct_mapping(node, deep)
-
-
 def read_map(file: Path) -> RobotMap:
     """The map in a YAML file. Raises ConfigError with a line for each error."""
-    loader = _Loader(read_text_file(file))
-    loader.name = str(file)
     try:
-        plain = loader.get_single_data()
-    except (yaml.YAMLError, RecursionError, ValueError) as error:
-        first = " ".join(str(error).split())[:200]
-        raise ConfigError(f"{file}: expected YAML, found: {first}") from None
-    finally:
-        loader.dispose()
+        plain = OmegaConf.to_container(OmegaConf.create(read_text_file(file)))
+    except (yaml.YAMLError, OmegaConfBaseException, RecursionError, AssertionError) as error:
+        mark = getattr(error, "problem_mark", None)
+        place = f":{mark.line + 1}:{mark.column + 1}" if mark else ""
+        found = getattr(error, "problem", "") or str(error) or "a single value"
+        raise ConfigError(
+            f"{file}{place}: expected YAML with each key once, found: {found[:200]}; correct it"
+        ) from None
     if not isinstance(plain, dict):
         raise ConfigError(f"{file}: expected `actions:` and `keys:`, found {str(plain)[:40]!r}")
     try:

@@ -83,13 +83,12 @@ def DistanceController(
     keys: Mapping[str, Any], distance: float = 1.0, **_: object
 ) -> Generator[None, None, bool]:
     """Succeeds at first, and then each time the robot has moved so far, m."""
-    while keys["robot"] is not None:
-        here = keys["robot"].pose.pose
-        if "place" not in _seen or _distance(_seen["place"], here) >= float(distance):
-            _seen["place"] = here
-            return True
+    here = (yield from _robot(keys)).pose.pose
+    while "place" in _seen and _distance(_seen["place"], here) < float(distance):
         yield
-    return False
+        here = keys["robot"].pose.pose
+    _seen["place"] = here
+    return True
 
 
 def SpeedController(
@@ -157,12 +156,12 @@ def PathLongerOnApproach(
     return False
 
 
-def GetCurrentPose(keys: Mapping[str, Any], **_: object) -> dict[str, Any] | bool:
+def GetCurrentPose(keys: Mapping[str, Any], **_: object) -> Generator[None, None, Any]:
     """The pose of the robot, stamped."""
     from geometry_msgs.msg import PoseStamped
 
-    at = keys["robot"]
-    return at is not None and {"current_pose": PoseStamped(header=at.header, pose=at.pose.pose)}
+    at = yield from _robot(keys)
+    return {"current_pose": PoseStamped(header=at.header, pose=at.pose.pose)}
 
 
 def ArePosesNear(ref_pose: Any, target_pose: Any, tolerance: float = 0.5, **_: object) -> bool:
@@ -205,14 +204,20 @@ def GetNextFewGoals(input_goals: Any, num_goals: float, **_: object) -> dict[str
 
 def RemovePassedGoals(
     input_goals: Any, keys: Mapping[str, Any], radius: float = 0.5, **_: object
-) -> dict[str, Any] | bool:
+) -> Generator[None, None, Any]:
     """The goals without the first ones that the robot has reached; the last one stays."""
-    if keys["robot"] is None or input_goals is None:
-        return False
-    goals, here = [*input_goals.goals], keys["robot"].pose.pose
+    here = (yield from _robot(keys)).pose.pose
+    goals = [*input_goals.goals]
     while len(goals) > 1 and _distance(goals[0].pose, here) <= float(radius):
         del goals[0]
     return {"output_goals": _with(input_goals, goals)}
+
+
+def _robot(keys: Mapping[str, Any]) -> Generator[None, None, Any]:
+    """The message with the pose of the robot; waits for the first one."""
+    while keys["robot"] is None:
+        yield
+    return keys["robot"]
 
 
 def _with(goals: Any, poses: list[Any]) -> Any:

@@ -56,19 +56,21 @@ def test_the_pages_map(page: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "expected `actions:` and `keys:`"),
+        ("", "actions: field required"),
+        ("5", "expected YAML with each key once, found: a single value"),
+        ("[5]", "expected `actions:` and `keys:`, found '[5]'"),
         ("actions: [", "expected YAML"),
         ("actions: []", "actions: "),
         ("keys: {}", "actions: field required"),
         (
             "actions:\n  Go: {action: /a, type: p/action/T}\n  Go: {action: /b, type: p/action/T}",
-            ":3:3: expected each key once, found 'Go' again, as in line 2; rename or remove one",
+            ":3:3: expected YAML with each key once, found: found duplicate key Go",
         ),
         (
             "actions: {Go: {action: /a, action: /b, goal: {x: [{y: 1, y: 2}]}}}",
-            ":1:28: expected each key once, found 'action' again",
+            ":1:28: expected YAML with each key once, found: found duplicate key action",
         ),
-        ("actions: {}\nkeys: {}\nactions: {}", ":3:1: expected each key once, found 'actions'"),
+        ("actions: {}\nkeys: {}\nactions: {}", "once, found: found duplicate key actions"),
         ("actions: {Go: 5}", "actions.Go: expected `action: NAME` or `service: NAME`, found '5'"),
         ("actions: {Go: {action: /a, service: /b}}", "actions.Go: expected `action: NAME` or"),
         ("actions: {Go: {action: /a}}", "actions.Go.type: field required"),

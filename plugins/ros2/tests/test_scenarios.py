@@ -174,6 +174,12 @@ def stopped(
     return scenario
 
 
+def suspend(server: subprocess.Popen[bytes]) -> None:
+    """Suspends a server, and waits until it has stopped."""
+    server.send_signal(signal.SIGSTOP)
+    os.waitid(os.P_PID, server.pid, os.WSTOPPED | os.WNOWAIT)
+
+
 def server_lost(
     tree: str, event: str, how: signal.Signals, says: str, *, again: bool = False
 ) -> Callable[[Bench], float]:
@@ -399,7 +405,7 @@ SCENARIOS: dict[str, tuple[Callable[[Bench], float], float]] = {
         7,
     ),
     "Ctrl-C; the server is suspended": (
-        stopped(*RUNS, 4, says="/drive has not answered", before=lambda s: s.send_signal(STOP)),
+        stopped(*RUNS, 4, says="/drive has not answered", before=suspend),
         7,
     ),
     "Ctrl-C; the server was killed": (
