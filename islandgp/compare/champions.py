@@ -232,34 +232,34 @@ def perturbed_problem(config: Mapping[str, Any]) -> Problem | None:
     return None if config.get("perturb") is None else Problem.recorded(config, perturbed=True)
 
 
-def champion_keys(study: Comparison) -> tuple[str, ...]:
-    """The keys of `champion_measures`."""
-    if len(study.tasks) == 1:
-        return ("unseen",)
-    tasks = (f"unseen_{k}" for k in range(1, len(study.tasks) + 1))
-    return (*tasks, *(c for c in study.generations if c.startswith("counters.")))
+def champion_measures(study: Comparison) -> tuple[Measure, ...]:
+    """The measures of the best robots in unseen worlds: their points under each task.
 
-
-def with_champions(study: Comparison, tested: DataFrame) -> tuple[DataFrame, tuple[Measure, ...]]:
-    """The frame of runs with measures of the best robots, and these measures.
-
-    They are points under each task; with several tasks, also counters, which are the mean of a
-    run's best robot in the worlds of its own task.
+    With several tasks, also the counters, which are means in the worlds of a run's own task.
     """
-    robots, several = tested[tested["run"].notna()], len(study.tasks) > 1
-    runs, measures = study.runs, []
-    for k, task in enumerate(study.tasks, 1):
-        key = f"unseen_{k}" if several else "unseen"
-        label = f"Best robot in unseen worlds{f' under {task.label}' if several else ''}"
-        measures.append(Measure(key, label, POINTS))
-        points = robots[robots["task"] == task.label].set_index("run")["points"]
-        runs = runs.assign(**{key: points})
-    own = robots[robots["own"]].set_index("run")
-    for name in [c for c in own if c.startswith("counters.")] if several else ():
-        label = f"{name.removeprefix('counters.')} of the best robot, own task"
-        measures.append(Measure(name, label, "count"))
-        runs = runs.assign(**{name: own[name]})
-    return runs, tuple(measures)
+    if len(study.tasks) == 1:
+        return (Measure("unseen", "Best robot in unseen worlds", POINTS),)
+    counters = [name for name in study.generations if name.startswith("counters.")]
+    return (
+        *(
+            Measure(f"unseen_{k}", f"Best robot in unseen worlds under {task.label}", POINTS)
+            for k, task in enumerate(study.tasks, 1)
+        ),
+        *(
+            Measure(name, f"{name.removeprefix('counters.')} of the best robot, own task", "count")
+            for name in counters
+        ),
+    )
+
+
+def with_champions(study: Comparison, tested: DataFrame) -> DataFrame:
+    """The frame of runs with the values of `champion_measures`."""
+    robots = tested[tested["run"].notna()]
+    points = robots.pivot(index="run", columns="task", values="points")
+    own, n = robots[robots["own"]].set_index("run"), len(study.tasks)
+    keys = [measure.key for measure in champion_measures(study)]
+    values = {k: points[task.label] for k, task in zip(keys[:n], study.tasks, strict=True)}
+    return study.runs.assign(**values, **{key: own[key] for key in keys[n:]})
 
 
 EFFORT: Final = 20

@@ -149,7 +149,7 @@ def compare_arms(
     tasks = _tasks(arms)
     labels = {name: task.label for task in tasks for name in task.arms}
     runs.insert(2, "task", runs["arm"].map(labels))
-    further = (*_pairs(arms), *_costs(runs), *_alike(arms, generations), *notes)
+    further = (*_pairs(arms), *_costs(runs), *notes)
     return Comparison(
         arms=tuple(arms),
         tasks=tasks,
@@ -215,19 +215,6 @@ def _costs(runs: DataFrame) -> Iterator[str]:
     if costs.max() > (1 + UNEQUAL) * costs.min():
         each = ", ".join(f"{arm} {cost:,.0f}" for arm, cost in costs.items())
         yield f"Warning: arms of unequal cost, in episodes of a run: {each}."
-
-
-def _alike(arms: Sequence[Arm], generations: DataFrame) -> Iterator[str]:
-    """A note for each pair of arms whose runs have identical populations."""
-    populations = generations.groupby(["arm", "seed"])["population"].agg(tuple)
-    for a, b in combinations(arms, 2):
-        first, second = populations[a.name], populations[b.name]
-        if same := [seed for seed in first.index if first[seed] == second.get(seed)]:
-            yield (
-                f"{a.name} and {b.name} have the same individuals in every generation of"
-                f" {len(same)} of {len(a.runs)} runs (seeds {in_short(same)}): no test can"
-                " find a difference there."
-            )
 
 
 def _check(arms: Sequence[Arm]) -> None:

@@ -68,14 +68,14 @@ def parse_plan(primary: str | None, margins: Sequence[str]) -> AnalysisPlan:
     return AnalysisPlan(primary, bounds)
 
 
-def check_plan(plan: AnalysisPlan, keys: Sequence[str]) -> None:
-    """Raises StudyError if a measure of a plan is not in `keys`."""
-    named = [("--primary", plan.primary)] if plan.primary is not None else []
-    named += [("--margin", key) for key in plan.margins]
-    for place, key in named:
+def check_plan(plan: AnalysisPlan, measures: Sequence[Measure]) -> None:
+    """Raises StudyError if a plan names another measure."""
+    keys = [measure.key for measure in measures]
+    for key in (*([] if plan.primary is None else [plan.primary]), *plan.margins):
         if key not in keys:
             raise StudyError(
-                f"Expected a measure in {place}, found {key!r}; there are {', '.join(keys)}."
+                f"Expected a measure in --primary and --margin, found {key!r}; there are"
+                f" {', '.join(keys)}."
             )
 
 

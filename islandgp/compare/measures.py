@@ -6,7 +6,6 @@ generations and one of runs. A measure is a column of the second.
 
 from __future__ import annotations
 
-import hashlib
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, Final
@@ -14,7 +13,6 @@ from typing import TYPE_CHECKING, Any, Final
 from islandgp.compare.arms import Arm, Run
 from islandgp.errors import RunError
 from islandgp.gp.population import Origin
-from islandgp.records.files import dump
 from islandgp.records.folder import RunFolder
 from islandgp.records.values import generation_values, run_values
 from islandgp.scoring.classes import Classes
@@ -133,7 +131,7 @@ def read_runs(arms: Sequence[Arm]) -> tuple[DataFrame, DataFrame]:
 
     Returns:
         A row per generation, with its figures, `run` (the path), `arm`, `seed`, `until` (episodes
-        so far), `population` (a digest of its individuals) and `first_descendant.TIER` (whether an
+        so far) and `first_descendant.TIER` (whether an
         individual of the tier is no advised tree); and a row per run, with its figures, `tree`,
         `worlds` (seeds of all that it used) and `origin` (of its best robot).
 
@@ -169,7 +167,6 @@ def _read(run: Run) -> tuple[list[dict[str, Any]], dict[str, Any]]:
         worlds.update(record["worlds"])
         row = generation_values(record, cost, constraints)
         row["episodes"] = cost["episodes"] or planned
-        row["population"] = hashlib.sha256(dump(record["individuals"]).encode()).hexdigest()
         rows.append({**row, **lineage.add(record)})
     champion = summary["champion"]
     worlds.update(champion["chosen_in"], (champion["validation"] or {}).get("worlds", ()))

@@ -180,16 +180,19 @@ def select_study(options: CompareOptions) -> tuple[Comparison, AnalysisPlan, Pat
     runs = find(folders, options.name)
     arms, notes = select_arms(options.arms, runs) if options.arms else arms_of_sweep(runs)
     study = compare_arms(arms, force=options.force, notes=notes)
-    later = champions.champion_keys(study) if options.worlds else ()
-    findings.check_plan(plan, [*(m.key for m in study_measures(study)), *later])
+    findings.check_plan(plan, study_measures(study, with_worlds=options.worlds > 0))
     name = "-".join(study.names) if options.arms else str(study.arms[0].runs[0].config["name"])
     return study, plan, options.out or Path("study") / _file_name(name)
 
 
-def study_measures(study: Comparison) -> tuple[Measure, ...]:
-    """The measures of training that are comparable: no points if the arms' tasks differ."""
+def study_measures(study: Comparison, *, with_worlds: bool) -> tuple[Measure, ...]:
+    """The comparable measures of training (no points if the arms' tasks differ), and of champions.
+
+    `with_worlds`: best robots are evaluated in unseen worlds.
+    """
     measures = training_measures(study.classes)
-    return tuple(m for m in measures if study.same_training or m.unit != POINTS)
+    trained = (m for m in measures if study.same_training or m.unit != POINTS)
+    return (*trained, *(champions.champion_measures(study) if with_worlds else ()))
 
 
 def build(
@@ -211,15 +214,15 @@ def build(
         StudyError: the domain cannot be imported, or the plan has another measure.
         EvaluationError: an episode cannot be run.
     """
-    tested, measures = None, study_measures(study)
+    tested = None
     if worlds and make is not None:
         trees: dict[str, str] = {}
         for arm in study.arms:
             trees |= champions.library_trees(arm.runs[0].config)
         tested = champions.evaluate_champions(study, make, worlds=worlds, trees=trees)
-        runs, further = champions.with_champions(study, tested)
-        study, measures = replace(study, runs=runs), (*measures, *further)
-    findings.check_plan(plan, [m.key for m in measures])
+        study = replace(study, runs=champions.with_champions(study, tested))
+    measures = study_measures(study, with_worlds=tested is not None)
+    findings.check_plan(plan, measures)
     requested = {plan.primary, *plan.margins}
     rows = findings.examine_all(study, plan, [m for m in measures if m.main or m.key in requested])
     report = Report(study, plan, measures, rows, tested, worlds)

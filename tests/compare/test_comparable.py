@@ -285,18 +285,3 @@ def test_runs_of_two_domains_are_not_compared() -> None:
     other = _arm("b", range(2), domain__factory="maze:Maze")
     with pytest.raises(StudyError, match="one domain"):
         compare_arms([_arm("a", range(2)), other], force=True)
-
-
-def test_arms_with_the_same_populations_are_noted() -> None:
-    """For any advice of their supervisors: nothing of them differs, and the report notes it."""
-    same = compare_arms([_arm("expert", range(3)), _arm("baseline", range(3))])
-    assert any(
-        "expert and baseline have the same individuals in every generation of 3 of 3 runs" in note
-        for note in same.notes
-    )
-    other = fake_arm(
-        "baseline",
-        [fake_run("baseline", s, generations=4, best=s, path=f"o{s}") for s in range(3)],
-    )
-    different = compare_arms([_arm("expert", range(3)), other])
-    assert not any("same individuals" in note for note in different.notes)

@@ -105,17 +105,17 @@ def test_the_first_pair_is_a_family() -> None:
 @pytest.mark.parametrize(
     ("primary", "margins", "message"),
     [
-        ("speed", [], "a measure in --primary, found 'speed'; there are fitness_max"),
+        ("speed", [], "a measure in --primary and --margin, found 'speed'; there are fitness_max"),
         (None, ["mean_fitness_max=0"], "a value above 0"),
         (None, ["mean_fitness_max=nan"], "a value above 0"),
         (None, ["mean_fitness_max=1", "mean_fitness_max=2"], "once for a measure"),
-        (None, ["speed=1"], "a measure in --margin"),
+        (None, ["speed=1"], "a measure in --primary and --margin"),
     ],
 )
 def test_a_plan_that_cannot_be_meant(primary: str | None, margins: list[str], message: str) -> None:
     """One message with what was expected and what was found."""
     with pytest.raises(StudyError, match=message):
-        check_plan(parse_plan(primary, margins), [m.key for m in MEASURES])
+        check_plan(parse_plan(primary, margins), MEASURES)
 
 
 def _factorial(*cells: tuple[str, str, float], seeds: int = 3) -> Comparison:
