@@ -13,7 +13,7 @@ import click
 
 from islandgp.bt.analysis.lint import REFUSED, LintWarning, warnings
 from islandgp.bt.core.language import tree_errors
-from islandgp.bt.core.node import Limits, Node, check_limits, depth, size
+from islandgp.bt.core.node import Node, depth, size
 from islandgp.bt.core.source import Source, plain
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.commands.files import FILE, TreeText, read_tree_text
@@ -39,17 +39,11 @@ CODES: Final[dict[type[TreeError], str]] = {
 @click.command()
 @click.argument("files", nargs=-1, required=True, type=FILE)
 @click.option("--strict", is_flag=True, help="Exit code 1 for warnings as well.")
-@click.option("--max-depth", type=click.IntRange(1), help="Maximum depth; default: unlimited.")
-@click.option("--max-nodes", type=click.IntRange(1), help="Maximum size; default: unlimited.")
-@click.option("-q", "--quiet", is_flag=True, help="Do not print files without findings.")
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as a JSON list.")
 @with_vocabulary_options
 def check_command(
     files: tuple[str, ...],
     strict: bool,
-    max_depth: int | None,
-    max_nodes: int | None,
-    quiet: bool,
     as_json: bool,
     options: DomainOptions,
 ) -> None:
@@ -58,13 +52,12 @@ def check_command(
     A `use` counts as its whole subtree. Exit code 1 if a file is not a valid tree, or with
     --strict has warnings; 2 if a file cannot be read.
     """
-    limits = Limits(max_depth or 10**9, max_nodes or 10**9)
     vocabulary_for = partial(vocabulary_of, options=options, in_world=True)
     files_with_errors = files_with_warnings = 0
     entries: list[dict[str, Any]] = []
     for file in files:
         text, name, _ = source = read_tree_text(file)
-        tree, errors, diagnostics = findings(source, vocabulary_for, limits)
+        tree, errors, diagnostics = findings(source, vocabulary_for)
         files_with_errors += bool(errors)
         files_with_warnings += bool(diagnostics)
         if as_json:
@@ -76,7 +69,7 @@ def check_command(
             click.echo(message if message.startswith(f"{name}:") else f"{name}: {message}")
         for finding in diagnostics:
             click.echo(finding.text(text, name=name))
-        if tree is not None and not quiet:
+        if tree is not None:
             click.echo(f"{name}: {_summary(tree, diagnostics)}")
     if as_json:
         click.echo(json.dumps(entries, indent=1))
@@ -91,9 +84,7 @@ class Findings(NamedTuple):
     warnings: Sequence[LintWarning] = ()
 
 
-def findings(
-    source: TreeText, vocabulary_for: Callable[[TreeText], Vocabulary], limits: Limits
-) -> Findings:
+def findings(source: TreeText, vocabulary_for: Callable[[TreeText], Vocabulary]) -> Findings:
     """The errors of a text; if there are none, its tree and its warnings.
 
     Raises:
@@ -105,7 +96,6 @@ def findings(
         if errors := tree_errors(text, vocabulary, name=name, folder=folder):
             return Findings(None, errors)
         tree = source.tree(vocabulary)
-        check_limits(tree, limits)
         found = warnings(text, vocabulary, name=name, folder=folder)
         if refused := [each for each in found if each.code in REFUSED]:
             file = Source(plain(text), name)

@@ -24,7 +24,6 @@ TIMEOUT: Final = 600.0  # time limit of an episode of `best`, s
 
 @click.command()
 @click.argument("run", type=click.Path(path_type=Path))
-@click.option("--tier", help="Only trees that reached this tier in training.")
 @click.option(
     "--worlds",
     type=click.IntRange(2, 10_000),
@@ -40,7 +39,6 @@ TIMEOUT: Final = 600.0  # time limit of an episode of `best`, s
 @with_config_dir_option
 def best_command(
     run: Path,
-    tier: str | None,
     worlds: int,
     workers: int,
     output: str | None,
@@ -54,8 +52,6 @@ def best_command(
     library's reference trees are then evaluated in test worlds, which were used neither for
     training nor for selection.
     """
-    if front and tier:
-        raise click.UsageError("expected --tier without --front, which runs no episode")
     runs, unfinished = finished_runs(run)
     if unfinished:
         names = cleaned(", ".join(unfinished))
@@ -67,7 +63,7 @@ def best_command(
         note = "Points in the same worlds, in which no tree was made; --json prints the trees."
     else:
         make = partial(Processes, workers=workers or cores(), episode_timeout=TIMEOUT)
-        frame = best_trees(runs, make, tier or "", worlds)
+        frame = best_trees(runs, make, worlds)
         frame["name"] = frame["name"].map(cleaned)
         rows = frame.to_dict("records")
         best, columns = rows[0], [*compared_trees(frame, worlds)]

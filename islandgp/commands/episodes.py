@@ -16,6 +16,7 @@ import click
 from islandgp.bt.analysis.names import with_names
 from islandgp.bt.core.language import domain_of
 from islandgp.bt.core.node import names_in, size
+from islandgp.bt.core.parameters import spelled_out
 from islandgp.bt.core.printer import with_subtrees
 from islandgp.commands.files import (
     FILE,
@@ -177,7 +178,9 @@ def explain_command(
         click.echo(with_subtrees(explained(tree, usages)), nl=False)
     else:
         notes = [Text(with_counts(u), "dim" if u.worlds else "bold red") for u in usages]
-        standard_output().print(to_rich(tree, notes))
+        schema = trials.problem.domain.schema
+        shown = spelled_out(tree, lambda name: schema.vocabulary.action(name).arguments)
+        standard_output().print(to_rich(shown, notes))
         run, actions = RunFolder(Path(file).parent), names_in(tree)[0]
         learned = run.summary().get("learned", ()) if run.finished() else ()
         if own := [s for s in learned if re.split(r"\W", s, maxsplit=1)[0] in actions]:
@@ -267,11 +270,8 @@ def _report(result: PruneResult) -> None:
 @click.argument("file", type=FILE)
 @with_seed_option
 @click.option("-o", "--output", type=OUTPUT, default="replay.html")
-@click.option("--title", help="Default: the file's name.")
 @with_episode_options
-def replay_command(
-    file: str, seed: int, output: str, title: str | None, episode: EpisodeOptions
-) -> None:
+def replay_command(file: str, seed: int, output: str, episode: EpisodeOptions) -> None:
     """Run the tree in FILE in one world, and write a page that shows it.
 
     The page is self-contained: open it in a browser, send it by mail, or view it
@@ -280,7 +280,7 @@ def replay_command(
     from islandgp.viewer.page import page
 
     check_other_file(file, output)
-    text = page(recorded(file, seed, episode), title=title or Path(display_name(file)).stem)
+    text = page(recorded(file, seed, episode), title=Path(display_name(file)).stem)
     write_text(output, text)
     if output != STDIN:
         click.echo(f"{output}: {len(text.encode()) / 1000:.0f} kB", err=True)

@@ -134,9 +134,8 @@ def simplify_command(file: str, output: str, explain: bool, options: DomainOptio
 @click.command()
 @click.argument("old", type=FILE)
 @click.argument("new", type=FILE)
-@click.option("--all", "show_all", is_flag=True, help="Show the unchanged nodes as well.")
 @with_vocabulary_options
-def diff_command(old: str, new: str, show_all: bool, options: DomainOptions) -> None:
+def diff_command(old: str, new: str, options: DomainOptions) -> None:
     """Compare the trees in OLD and NEW, node by node.
 
     Marks: - deleted, + inserted, ~ changed; the number after # is the line in the file. Exit
@@ -155,7 +154,7 @@ def diff_command(old: str, new: str, show_all: bool, options: DomainOptions) -> 
     if a == b:
         click.echo("The same nodes." if are_for_two else "The same tree.")
         sys.exit(int(are_for_two))
-    click.echo("\n".join(_marked(a, b, (places_a, places_b), show_all)))
+    click.echo("\n".join(_marked(a, b, (places_a, places_b))))
     if not are_for_two and _do_the_same(a, b, after, options):
         click.echo("Written differently, but they do the same.")
     sys.exit(1)
@@ -173,19 +172,19 @@ def _do_the_same(a: Node, b: Node, source: TreeText, options: DomainOptions) -> 
 
 
 def _marked(
-    a: Node, b: Node, file_places: tuple[Sequence[SourceSpan], Sequence[SourceSpan]], show_all: bool
+    a: Node, b: Node, file_places: tuple[Sequence[SourceSpan], Sequence[SourceSpan]]
 ) -> Iterator[str]:
     """A line for each node that differs, and one with their numbers."""
     lines = compare(a, b)
     for line in lines:
-        if line.mark is Mark.SAME and not show_all:
+        if line.mark is Mark.SAME:
             continue
         texts = dict.fromkeys(label(node) for node in (line.old, line.new) if node is not None)
         pairs = zip(file_places, (line.old_place, line.new_place), strict=True)
         at = dict.fromkeys(f"{places[at].line}" for places, at in pairs if at is not None)
         text = f"{line.mark} {'  ' * line.level}{' -> '.join(texts)}  # {' -> '.join(at)}"
         plain = bool(os.environ.get("NO_COLOR"))  # see no-color.org
-        yield text if plain else click.style(text, fg=COLOURS.get(line.mark))
+        yield text if plain else click.style(text, fg=COLOURS[line.mark])
     counts = [sum(line.mark is mark for line in lines) for mark in COLOURS]
     yield "{} deleted, {} inserted, {} changed".format(*counts)
 

@@ -291,28 +291,21 @@ def finished_runs(path: Path) -> tuple[list[RunFolder], list[str]]:
     return runs, [run.path.name for run in below if run.about() and not run.finished()]
 
 
-def best_trees(runs: Sequence[RunFolder], make: Make, tier: str, worlds: int) -> DataFrame:
+def best_trees(runs: Sequence[RunFolder], make: Make, worlds: int) -> DataFrame:
     """The winner first, then the others by mean in validation worlds, and trees of the library.
 
     Args:
         runs: finished ones.
         make: creates an evaluator.
-        tier: only trees of a single run that reached it in training; "": any.
         worlds: number of test worlds.
 
     Returns:
         The rows of `compared`, with `tree`, `name` and `evolved` (False: a tree of the library).
-
-    Raises:
-        ConfigError: there is no such tier.
-        RunError: there are no such trees.
     """
     config = runs[0].configuration()
     classes, seed = Classes.model_validate(config["classes"]), int(config["seed"])
-    if tier and tier not in classes.tiers:
-        raise ConfigError(f"--tier: expected one of {', '.join(classes.tiers)}, found {tier!r}")
     constraints = recorded_constraints(config)
-    contenders = _candidates(runs, classes, tier, constraints)
+    contenders = _candidates(runs, classes, constraints)
     used_worlds = frozenset(world for run in runs for world in _used_worlds(run))
     stage = max(record["snapshot"]["stage"] for run in runs for record in run.records())
     episodes = EFFORT * worlds
@@ -361,25 +354,12 @@ def _names(runs: Sequence[RunFolder], best: Sequence[Candidate]) -> dict[str, st
 
 
 def _candidates(
-    runs: Sequence[RunFolder], classes: Classes, tier: str, constraints: Constraints
+    runs: Sequence[RunFolder], classes: Classes, constraints: Constraints
 ) -> list[Candidate]:
     """All trees of a run's last stage, or the best robot of each run of a sweep."""
     if len(runs) == 1:
-        trees = by_fitness(
-            runs[0].records(),
-            classes,
-            most=sys.maxsize,
-            top=sys.maxsize,
-            tier=tier,
-            constraints=constraints,
-        )
-        if not trees:
-            raise RunError(
-                f"Expected {tier} robots in the last stage of {runs[0].path}, found none."
-            )
-        return trees
-    if tier:
-        raise ConfigError("--tier: expected a run's own folder with it, found a sweep's")
+        records, most = runs[0].records(), sys.maxsize
+        return by_fitness(records, classes, most=most, top=most, constraints=constraints)
     best: dict[str, Candidate] = {}
     for run in runs:
         champion = run.summary()["champion"]

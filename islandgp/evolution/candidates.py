@@ -76,7 +76,6 @@ def by_fitness(
     *,
     most: int = MAX_CANDIDATES,
     top: int = TOP_PER_GENERATION,
-    tier: str = "",
     constraints: Constraints = NO_CONSTRAINTS,
 ) -> list[Candidate]:
     """The best individuals of each generation, and of each tier, class and behaviour.
@@ -88,19 +87,13 @@ def by_fitness(
         classes: with the tiers, classes and behaviours.
         most: maximum number of candidates.
         top: number of candidates per generation.
-        tier: in training, of all candidates; "": any.
         constraints: of the run.
-
-    Returns:
-        The candidates; [] if no individual reached the tier.
     """
 
     def names(i: Mapping[str, Any]) -> frozenset[str]:
         return frozenset((*i["tiers"], i["specialist"], *classes.behaviours_of(i["counters"])))
 
-    shown = [
-        (c, own) for c, own in last_stage(records, constraints, names) if not tier or tier in own
-    ]
+    shown = last_stage(records, constraints, names)
     shown.sort(key=lambda pair: pair[0].merit, reverse=True)
     by_generation: dict[int, list[Candidate]] = {}
     for c, _ in shown:

@@ -132,7 +132,7 @@ class _Loop:
         outside = library - state.library  # episodes outside training
         stopped = plan.stop.reason(done.population)
         guidance = following = None
-        if not stopped and not plan.last(g, state.spent + done.episodes + outside):
+        if not stopped and plan.left(g, state.spent + done.episodes + outside) > 0:
             waiting = perf_counter()
             answer = self._answer(state, done, population)
             waited = perf_counter() - waiting

@@ -185,17 +185,18 @@ class Plan:
     constraints: Constraints = field(default_factory=dict)
     founders: tuple[Node, ...] = ()  # first trees of the initial population
 
-    def last(self, generation: int, spent: int) -> bool:
-        """True if this is the last generation.
+    def left(self, generation: int, spent: int) -> int:
+        """Number of generations that follow this one, at most 0 after the last.
 
         Args:
             generation: from 0.
             spent: episodes of the run so far, including this generation.
         """
-        if generation + 1 >= self.gp.generations:
-            return True
-        following = spent + self.gp.population * self.gp.episodes
-        return self.budget.episodes is not None and following > self.gp.episodes_in_all
+        planned = self.gp.generations - 1 - generation
+        if self.budget.episodes is None:
+            return planned
+        affordable = (self.gp.episodes_in_all - spent) // (self.gp.population * self.gp.episodes)
+        return min(planned, affordable)
 
     @property
     def space(self) -> TreeSpace:

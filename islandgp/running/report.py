@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict
 from time import monotonic
@@ -56,24 +56,26 @@ class Progress:
     def __init__(
         self,
         mode: Literal["plain", "off"],
-        generations: int,
+        left: Callable[[int, int], int],
         title: str,
         milestones: Sequence[str],
         *,
         rate: bool = True,
         done: int = 0,
+        spent: int = 0,
     ) -> None:
         """Prints the title and the head of the table.
 
         Args:
             mode: plain: a line for each generation.
-            generations: number of all generations, >= 1.
+            left: as `Plan.left`: the search for a library may leave fewer generations.
             title: first line.
             milestones: tiers with a column.
             rate: the search uses the mutation rate, which then has a column.
             done: generations before a resumed run continues.
+            spent: their episodes.
         """
-        self.mode, self.generations, self.milestones = mode, generations, milestones
+        self.mode, self.left, self.milestones, self.spent = mode, left, milestones, spent
         self.rate, self.done, self._before = rate, done, done
         self._began = monotonic()
         head = ["generation", "best", "mean", "diversity", "working", *milestones]
@@ -86,13 +88,15 @@ class Progress:
     def show(self, step: Step) -> None:
         """Show a generation."""
         self.done += 1
+        self.spent += step.cost.episodes
+        left = max(0, self.left(self.done - 1, self.spent))
         a_generation = (monotonic() - self._began) / (self.done - self._before)
-        self._print_cells(self._row(step, a_generation * (self.generations - self.done)))
+        self._print_cells(self._row(step, self.done - 1 + left, a_generation * left))
 
-    def _row(self, step: Step, seconds_left: float) -> Iterable[str]:
+    def _row(self, step: Step, last: int, seconds_left: float) -> Iterable[str]:
         """The cells of a generation."""
         s, guidance = step.record.snapshot, step.record.guidance
-        yield f"{s.generation}/{self.generations - 1}"
+        yield f"{s.generation}/{last}"
         yield in_points(s.fitness_max)
         yield in_points(s.fitness_mean)
         yield f"{s.diversity:.2f}"

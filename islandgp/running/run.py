@@ -206,11 +206,12 @@ def _evolve(
     with closing(evaluator), closing(steps):
         progress = Progress(
             settings.progress,
-            settings.gp.generations,
+            plan.left,
             f"{settings.name}: {settings.supervisor.name}, seed {settings.seed}",
             settings.classes.milestones,
             rate="rate" in settings.search.factory.uses,
             done=done,
+            spent=history.episodes,
         )
         for step in steps:
             state = step.state or state

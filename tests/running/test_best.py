@@ -105,20 +105,11 @@ def test_the_front_of_a_run(run: Path, tmp_path: Path) -> None:
     assert file.read_text(encoding="utf-8") == FRONT[1]["tree"]
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--front", "--tier", "complete"], "expected --tier without --front"),
-        (["--tier", "good"], "--tier: expected one of excellent, complete, full_service"),
-        (["--tier", "excellent"], "Expected excellent robots in the last stage"),
-        (["--worlds", "1"], "1 is not in the range 2<=x<=10000"),
-    ],
-)
-def test_mistakes(run: Path, options: list[str], message: str) -> None:
-    """One line each."""
-    result = best(run, *options)
+def test_a_single_test_world_is_refused(run: Path) -> None:
+    """One world has no interval."""
+    result = best(run, "--worlds", "1")
     assert result.exit_code != 0
-    assert message in (result.output + str(result.exception))
+    assert "1 is not in the range 2<=x<=10000" in result.output
 
 
 @pytest.mark.slow
@@ -136,7 +127,6 @@ def test_the_best_robots_of_a_sweep(tmp_path: Path) -> None:
     }
     assert rows[0]["evolved"]
     assert rows[0]["difference"] == 0
-    assert "a sweep's" in str(best(folder, "--tier", "complete").exception)
     stopped = folder / rows[0]["name"].partition(",")[0]
     for name in ("summary.json", "manifest.json"):
         (stopped / name).unlink()

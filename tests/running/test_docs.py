@@ -184,7 +184,7 @@ def test_what_may_differ_at_a_resumption_is_named() -> None:
 
 def test_the_head_of_the_table_is_the_programs(capsys: pytest.CaptureFixture[str]) -> None:
     """The example of plain lines has the columns of today."""
-    Progress("plain", 5, "a title", CLASSES.milestones, rate=False)
+    Progress("plain", lambda *_: 4, "a title", CLASSES.milestones, rate=False)
     assert capsys.readouterr().err.splitlines()[1] in TEXT
 
 

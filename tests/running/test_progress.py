@@ -35,6 +35,17 @@ def test_durations_are_for_people(seconds: float, text: str) -> None:
 COLUMNS = ["generation", "best", "mean", "diversity", "working", *MILESTONES]
 
 
+def of_five(generation: int, _: int) -> int:
+    """The generations that follow one of a run of five."""
+    return 4 - generation
+
+
+def test_the_total_is_what_a_library_leaves(capsys: pytest.CaptureFixture[str]) -> None:
+    """The search for a library takes episodes of the budget, so fewer generations follow."""
+    Progress("plain", lambda g, spent: 4 - g - (spent > 0), "title", MILESTONES).show(steps()[0])
+    assert capsys.readouterr().err.splitlines()[-1].split()[0] == "0/3"
+
+
 def test_a_line_a_generation(capsys: pytest.CaptureFixture[str]) -> None:
     """A title, a head, and one aligned line a generation, on the error stream.
 
@@ -42,7 +53,7 @@ def test_a_line_a_generation(capsys: pytest.CaptureFixture[str]) -> None:
     generation has none, and no time left.
     """
     all_steps = steps()
-    progress = Progress("plain", 5, "a title", MILESTONES)
+    progress = Progress("plain", of_five, "a title", MILESTONES)
     for step in all_steps:
         progress.show(step)
     out, err = capsys.readouterr()
@@ -63,20 +74,20 @@ def test_each_milestone_has_a_column(
     names: tuple[str, ...], capsys: pytest.CaptureFixture[str]
 ) -> None:
     """In their order, also if it is called as another column; no rate if the search has none."""
-    Progress("plain", 5, "a title", names, rate=False)
+    Progress("plain", of_five, "a title", names, rate=False)
     head = capsys.readouterr().err.splitlines()[1].split()
     assert head == [*COLUMNS[:5], *names, "time", "left"]
 
 
 def test_a_resumed_run_shows_where_it_continues(capsys: pytest.CaptureFixture[str]) -> None:
     """The title names the generation; the rest of the run is what is still to come."""
-    Progress("plain", 5, "a title", MILESTONES, done=3).show(steps()[3])
+    Progress("plain", of_five, "a title", MILESTONES, done=3).show(steps()[3])
     assert "a title (from generation 3)" in capsys.readouterr().err
 
 
 def test_progress_off_is_silent(capsys: pytest.CaptureFixture[str]) -> None:
     """Nothing on either stream."""
-    Progress("off", 5, "a title", MILESTONES).show(steps()[0])
+    Progress("off", of_five, "a title", MILESTONES).show(steps()[0])
     assert capsys.readouterr() == ("", "")
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
@@ -94,17 +93,6 @@ def test_a_wrong_file(islandgp: Cli, tmp_path: Path) -> None:
     assert lines[0] == f"{file}:2:3: unknown action 'MoveToGarbag'"
     assert lines[1:3] == ["      MoveToGarbag", "      ^"]
     assert lines[-1] == "Did you mean MoveToGarbage?"
-
-
-def test_an_error_about_the_whole_tree_names_the_file(
-    islandgp: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """A file name with which the message happens to begin is not mistaken for it."""
-    monkeypatch.chdir(tmp_path)
-    Path("E").write_text("selector { PatrolWaypoint }", encoding="utf-8")
-    result = islandgp("check", "--max-depth", 1, "E")
-    message = "E: Expected a tree of at most 1 level, found 2; shorten it or raise the limit.\n"
-    assert (result.code, result.out) == (1, message)
 
 
 @pytest.mark.parametrize("file", EXAMPLES, ids=lambda file: file.stem)
@@ -269,16 +257,6 @@ def test_a_warning_names_the_uses_to_which_it_applies() -> None:
         VOCABULARY,
     )
     assert warning.message.endswith("; in the uses at 3:12, 3:39")
-
-
-def test_limits(islandgp: Cli, tmp_path: Path) -> None:
-    """A tree larger than asked for is an error that names the file."""
-    file = tmp_path / "t.bt"
-    file.write_text("selector { SeekCharger PatrolWaypoint }")
-    assert islandgp("check", file).code == 0
-    result = islandgp("check", "--max-nodes", 2, file)
-    assert result.code == 1
-    assert re.search(r"t\.bt: .*at most 2 nodes, found 3", result.out)
 
 
 def test_other_encodings(islandgp: Cli, tmp_path: Path) -> None:
@@ -494,5 +472,3 @@ def test_json(islandgp: Cli, tmp_path: Path) -> None:
         "severity": "error", "code": "unknown-name",
     }  # fmt: skip
     assert islandgp("check", "--json", "-", stdin="PatrolWaypoint").out == "[]\n"
-    [deep] = json.loads(islandgp("check", "--json", "--max-depth", 1, valid).out)
-    assert (deep["code"], deep["line"], deep["severity"]) == ("limit", 1, "error")

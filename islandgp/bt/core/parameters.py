@@ -11,7 +11,7 @@ A tree has e.g. `MoveTo(goal: door, speed: 0.8)`. Arguments that are left out ha
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache
@@ -213,6 +213,18 @@ def argument_values(args: ActionArgs, parameters: Mapping[str, Parameter]) -> di
     """The value of each parameter of a leaf with these arguments, as in the text of a tree."""
     values = dict(args.values)
     return {key: values.get(key, each.default) for key, each in parameters.items()}
+
+
+def spelled_out(tree: Node, parameters: Callable[[str], Mapping[str, Parameter]]) -> Node:
+    """A tree with the arguments of its actions that have their defaults, too, to be read.
+
+    `parameters`: returns those of the action with a name.
+    """
+    args = tree.args
+    if isinstance(args, ActionArgs):
+        values = argument_values(args, parameters(args.name))
+        args = ActionArgs(args.name, tuple(values.items()))
+    return Node(tree.kind, args, tuple(spelled_out(child, parameters) for child in tree.children))
 
 
 def bound(args: ActionArgs, parameters: Mapping[str, Parameter]) -> dict[str, Value | bool]:

@@ -37,7 +37,7 @@ from islandgp.bt.core.node import (
     keys_in,
     walk,
 )
-from islandgp.bt.core.parameters import Parameter
+from islandgp.bt.core.parameters import Parameter, argument_values
 from islandgp.bt.core.printer import Named, condition_text, number_text
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Action, Key, Vocabulary
 from islandgp.bt.export.import_cpp import NO_ELSE, READERS
@@ -160,9 +160,10 @@ class _XmlWriter(TreeWriter):
 
     def element(self, node: Node, observed: bool) -> list[str]:
         match node.args:
-            case ActionArgs(name, values):
+            case ActionArgs(name):
                 arguments = self.vocabulary.action(name).arguments
                 flags = {key for key, each in arguments.items() if each.sort == "flag"}
+                values = argument_values(node.args, arguments).items()
                 ports = {k: _FLAGS.get(str(v), v) if k in flags else v for k, v in values}
                 return _element(name, ports)
             case AlwaysArgs("running"):

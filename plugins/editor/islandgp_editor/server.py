@@ -17,7 +17,6 @@ from islandgp import __version__
 from islandgp.bt.core.format import format_text
 from islandgp.bt.core.incomplete import find_includes
 from islandgp.bt.core.language import MAX_CHARACTERS
-from islandgp.bt.core.node import Limits
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
 from islandgp.commands.check import findings, plain_error, plain_finding
 from islandgp.commands.files import TreeText
@@ -34,7 +33,6 @@ from islandgp_editor.names import (
 )
 
 PAUSE: Final = 0.2  # s without a change before a text is checked
-ANY_SIZE: Final = Limits(10**9, 10**9)
 COMPLETION_KINDS: Final = {
     "action": types.CompletionItemKind.Function,
     "key": types.CompletionItemKind.Variable,
@@ -275,7 +273,7 @@ def _findings(document: TextDocument, vocabulary_for: Words) -> list[dict[str, A
     """The errors and warnings of `check --json`; an unknown domain is an error at its position."""
     text, name, _ = source = _tree_text(document)
     try:
-        _, errors, warnings = findings(source, vocabulary_for, ANY_SIZE)
+        _, errors, warnings = findings(source, vocabulary_for)
     except IslandError as error:
         place = {"line": 1, "column": 1, "end": 1, "severity": "error", "code": "domain"}
         return [{"file": name, **place, "message": str(error)}]
