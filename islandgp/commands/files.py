@@ -29,6 +29,8 @@ class _Input(click.Path):
         if os.path.isfile(best):  # False for a name that is too long
             check_file(Path(best))
             value = best
+        elif os.path.isdir(value):
+            self.fail(f"{value!r} is a folder without best.bt; name a tree or a run's folder")
         path = super().convert(value, param, ctx)
         if path == STDIN and ctx is not None:
             if _STDIN_USED in ctx.meta:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass
@@ -220,8 +221,11 @@ def _prepared(file: str, episode: EpisodeOptions) -> tuple[TreeText, Node, Setti
         TreeError: the file is not a tree of the domain.
     """
     source = read_tree_text(file)
-    if (key := "evaluator.policy.episode_timeout") in _keys_of(episode.options.overrides):
-        raise ConfigError(f"--set {key}: expected --timeout SECONDS in its place, found no effect")
+    for override in episode.options.overrides:
+        if re.match(r"\+*evaluator\b.*\bepisode_timeout\b", override):
+            raise ConfigError(
+                f"--set {override}: expected --timeout SECONDS in its place, found no effect"
+            )
     settings = settings_of(source, episode.options)
     problem = settings.problem()
     stages = len(settings.curriculum.stages)

@@ -85,7 +85,7 @@ def sync_command(folders: tuple[Path, ...], uri: str | None, experiment: str) ->
 def ui_command(uri: str | None, experiment: str, port: int, open_browser: bool) -> None:
     """Serve the MLflow pages and print the address of the runs page."""
     place = place_from(uri, experiment) if uri else configured_stores()[0]
-    click.echo(f"Starting the MLflow server for {place.uri} ...", err=True)
+    click.echo(f"Starting the MLflow server for {place.uri}; it prints some lines ...", err=True)
     try:
         # The server runs in another session, so signals to this command do not reach it.
         with as_ctrl_c("SIGTERM", "SIGHUP"), served(place, port) as pages:

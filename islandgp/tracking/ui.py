@@ -82,7 +82,11 @@ def served(place: TrackingStore, port: int) -> Iterator[Pages]:
     process = subprocess.Popen(
         server_command(place, port),
         # Without its job runner the server takes 0.5 GB in place of 3.5 GB.
-        env={**os.environ, "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"},
+        env={
+            **os.environ,
+            "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false",
+            "PYTHONWARNINGS": "ignore",  # of its libraries
+        },
         stdout=2,  # the standard output has the addresses
         start_new_session=True,
     )

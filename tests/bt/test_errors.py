@@ -15,9 +15,9 @@ P = "PatrolWaypoint"
 # text, line, column, words that the message has
 WRONG = [
     # the form
-    ("", 1, 1, ["no tree", "selector", P]),
-    ("# nothing\n", 1, 1, ["no tree"]),
-    ("selector {", 1, 11, ["too early", P]),
+    ("", 1, 1, ["the text is empty", "an action, or a node"]),
+    ("# nothing\n", 1, 1, ["the text has comments only"]),
+    ("selector {", 1, 11, ["too early", "a node or an action"]),
     ("selector {\n  PatrolWaypoint\n\n", 2, 17, ["too early", "}"]),
     ("selector { PatrolWaypoint # }\n", 1, 26, ["too early"]),
     ("selector PatrolWaypoint", 1, 10, [f"'{P}'", "Expected {"]),

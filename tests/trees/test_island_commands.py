@@ -83,7 +83,11 @@ def test_play_at_another_stage(islandgp: Cli) -> None:
         (("--stage", "9"), "--stage: expected 1 to 4, found 9"),
         (
             ("--set", "evaluator.policy.episode_timeout=5"),
-            "--set evaluator.policy.episode_timeout: expected --timeout SECONDS in its place",
+            "--set evaluator.policy.episode_timeout=5: expected --timeout SECONDS in its place",
+        ),
+        (
+            ("--set", "evaluator.policy={workers: 1, episode_timeout: 5}"),
+            "expected --timeout SECONDS in its place, found no effect",
         ),
     ],
 )

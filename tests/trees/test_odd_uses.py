@@ -20,14 +20,14 @@ COMMANDS: dict[str, tuple[str, ...]] = {
 OK = "selector { when batteryLevel < 20 { SeekCharger } PatrolWaypoint }\n"
 UNREADABLE: dict[str, tuple[Callable[[Path], object], str]] = {
     "missing": (lambda _: None, "'odd.bt' does not exist"),
-    "folder": (Path.mkdir, "File 'odd.bt' is a directory"),
+    "folder": (Path.mkdir, "'odd.bt' is a folder without best.bt"),
     "dangling link": (lambda file: file.symlink_to("nowhere"), "'odd.bt' does not exist"),
     "binary": (lambda file: file.write_bytes(bytes(range(256))), "found the byte 0x80"),
     "utf-16": (lambda file: file.write_bytes(OK.encode("utf-16")), "found the byte 0xff"),
     "twenty megabytes": (lambda file: file.write_bytes(b"# c\n" * 5_000_000), "16,777,216 bytes"),
 }
 WRONG: dict[str, tuple[bytes, str]] = {
-    "empty": (b"", "there is no tree in the text"),
+    "empty": (b"", "the text is empty"),
     "ten megabytes": (b"# c\n" * 2_500_000, "the text has 10000000 characters"),
     "deep": (b"inverter { " * 5000 + b"SeekCharger" + b" }" * 5000, "too deep"),
     "NUL": (b"selector { \0 }", "unexpected character '\\x00'"),

@@ -254,11 +254,13 @@ def _wrong_character(source: Source, error: UnexpectedInput) -> TreeError:
 def _early_end(fault: _Fault) -> TreeError:
     """The error after the last word of a text that ends too early."""
     source, before, expected = fault.source, fault.before, _expected(fault)[0]
+    tree = "a tree: an action, or a node with its children"
     if not before:
-        return source.error("there is no tree in the text", 1, 1, expected=expected)
+        found = "has comments only" if source.text.strip() else "is empty"
+        return source.error(f"the text {found}", 1, 1, expected=tree)
     message = "the text ends too early"
     if "SUBTREE" in fault.accepted:
-        message = "there is no tree after the definitions"
+        message, expected = "there is no tree after the definitions", tree
     elif (brace := _unclosed(fault)) is not None:
         node, line = _node_of(before[:brace]), before[brace].line
         message += f": the brace of the {node} in line {line} is not closed"
@@ -322,7 +324,7 @@ def _expected(fault: _Fault) -> tuple[str, Sequence[str]]:
     if "SELECTOR" in accepted:
         first = [w for w in ("domain", "include", "constant", "subtree") if w.upper() in accepted]
         words = [*first, *NODE_WORDS, *vocabulary.actions]
-        return "} or " * ("RBRACE" in accepted) + node_words(vocabulary), words
+        return "} or " * ("RBRACE" in accepted) + _NODE, words
     if "USE" in accepted:
         return "a number, a key, a word, a text in quotes, an action or a `use`", ()
     if "NAME" in accepted and "NUMBER" in accepted:

@@ -159,7 +159,7 @@ def test_budgets_that_are_too_small(
         ("when batteryLevel < { PatrolWaypoint }", "<stdin>:1:21: unexpected '{'"),
         ("when batteryLvel < 5 { PatrolWaypoint }", "Did you mean batteryLevel?"),
         ("selector {" + "when batteryLevel < 2 { PatrolWaypoint }" * 101 + "}", "found 101; give"),
-        ("", "there is no tree in the text"),
+        ("", "the text is empty"),
     ],
 )
 def test_what_cannot_be_tuned(islandgp: Cli, text: str, message: str) -> None:
