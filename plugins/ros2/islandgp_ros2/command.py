@@ -82,6 +82,11 @@ def command(
             "Expected rclpy, found it not installed; pip install 'islandgp-ros2[rclpy]', or source"
             " the setup file of your ROS 2"
         )
+    if groot and not (find_spec("zmq") and find_spec("msgpack")):
+        raise ConfigError(
+            "Expected pyzmq and msgpack for --groot, found one not installed;"
+            " pip install 'islandgp-ros2[groot]'"
+        )
     from islandgp.binding import NodeStatus
     from islandgp_ros2.groot import Groot, groot_served
     from islandgp_ros2.node import TreeNode, ros_node, run

@@ -9,7 +9,7 @@ which could change what a robot does, and recordings are refused.
 from __future__ import annotations
 
 import struct
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from itertools import count
 from threading import Event, Thread
@@ -17,13 +17,14 @@ from typing import Any, Final
 from uuid import uuid4
 from xml.etree import ElementTree as ET
 
-from islandgp.binding import NodeStatus, RobotTree
+from islandgp.binding import NodeStatus, RobotTree, Tree
 from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.printer import head
 from islandgp.errors import ConfigError
 
 PROTOCOL: Final = 2
+MAIN: Final = "Main"  # name of the tree and of its blackboard
 HEADER: Final = struct.Struct("<BcI")  # protocol, kind of request, its number
 STATUS: Final = struct.Struct("<HB")  # number of a node, its status
 _CODES: Final = {
@@ -40,43 +41,37 @@ class Groot:
 
     def __init__(self, robot_tree: RobotTree) -> None:
         """Starts with the state of a tree."""
-        self._set_tree(robot_tree)
+        self._tree: Tree | None = None
         self.add(robot_tree, False)
-
-    def _set_tree(self, robot_tree: RobotTree) -> None:
-        self._tree, self._id, self._xml = robot_tree.tree, uuid4().bytes, xml_of(robot_tree)
 
     def add(self, robot_tree: RobotTree, _: bool) -> None:
         """Sets the present state, perhaps of another tree."""
+        import msgpack
+
         if robot_tree.tree is not self._tree:
-            self._set_tree(robot_tree)
+            self._tree, self._id, self._xml = robot_tree.tree, uuid4().bytes, xml_of(robot_tree)
         codes = [_CODES[status] for status in robot_tree.statuses]
-        self._statuses = b"".join(STATUS.pack(uid, code) for uid, code in enumerate(codes, 1))
-        self._board = robot_tree.board
+        self._payloads = {
+            b"T": self._xml,
+            b"S": b"".join(STATUS.pack(uid, code) for uid, code in enumerate(codes, 1)),
+            b"B": msgpack.packb({MAIN: robot_tree.board}),
+            b"D": b"[]",  # breakpoints: there are none
+        }
 
     def reply(self, request: list[bytes]) -> list[bytes]:
         """The frames of the reply to those of a request."""
-        import msgpack
-
         if len(request[0]) != HEADER.size:
             return [b"error", b"wrong request header"]
         _, kind, number = HEADER.unpack(request[0])
-        payloads: dict[bytes, Callable[[], bytes]] = {
-            b"T": lambda: self._xml,
-            b"S": lambda: self._statuses,
-            b"B": lambda: bytes(msgpack.packb(dict.fromkeys(names, self._board))),
-            b"D": lambda: b"[]",  # breakpoints: there are none
-        }
-        names = request[-1].decode(errors="replace").split(";")  # of blackboards
-        if kind not in payloads:
+        if kind not in self._payloads:
             return [b"error", b"islandgp has no breakpoints and no recordings"]
-        return [HEADER.pack(PROTOCOL, kind, number) + self._id, payloads[kind]()]
+        return [HEADER.pack(PROTOCOL, kind, number) + self._id, self._payloads[kind]]
 
 
 def xml_of(robot_tree: RobotTree) -> bytes:
     """The XML of a tree; each node is numbered in document order, from 1."""
     root = ET.Element("root", BTCPP_format="4")
-    tree = ET.SubElement(root, "BehaviorTree", ID="Main", _fullpath="")
+    tree = ET.SubElement(root, "BehaviorTree", ID=MAIN, _fullpath="")
     models: dict[str, str] = {}  # the sort of each tag
     numbers = count(1)
 
@@ -100,16 +95,10 @@ def groot_served(groot: Groot, port: int) -> Iterator[None]:
     """Context manager: answers Groot2 on a port of the loopback interface.
 
     Raises:
-        ConfigError: the port is in use, or pyzmq or msgpack is not installed.
+        ConfigError: the port is in use.
     """
-    try:
-        import msgpack  # noqa: F401 -- needed by `reply`
-        import zmq
-    except ImportError as error:
-        raise ConfigError(
-            f"Expected pyzmq and msgpack for --groot, found no module {error.name};"
-            " pip install 'islandgp-ros2[groot]'"
-        ) from None
+    import zmq
+
     context: Any = zmq.Context()
     socket = context.socket(zmq.REP)
     socket.linger, socket.rcvtimeo = 0, 100  # ms
@@ -117,8 +106,9 @@ def groot_served(groot: Groot, port: int) -> Iterator[None]:
         socket.bind(f"tcp://127.0.0.1:{port}")
     except zmq.ZMQError as error:
         context.destroy()
+        reason = str(error.strerror).partition(" (")[0]
         raise ConfigError(
-            f"Expected a free port as --groot, found {port} ({error.strerror}); name another one"
+            f"Expected a free port as --groot, found {port} ({reason}); name another one"
         ) from None
     ended = Event()
 

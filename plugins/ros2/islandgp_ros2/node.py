@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from functools import partial
 from pathlib import Path
 from time import monotonic
@@ -211,10 +211,13 @@ def ros_node(name: str) -> Iterator[tuple[Any, Callable[[float], None]]]:
 
     context = rclpy.Context()
     rclpy.init(context=context, signal_handler_options=SignalHandlerOptions.NO)
-    try:
+    with ExitStack() as ends:
+        ends.callback(rclpy.shutdown, context=context)
         node = rclpy.create_node(name, context=context)
+        ends.callback(node.destroy_node)
         executor = SingleThreadedExecutor(context=context)
         executor.add_node(node)
+        ends.callback(executor.shutdown)
 
         def spin(seconds: float) -> None:
             end = monotonic() + seconds
@@ -222,13 +225,7 @@ def ros_node(name: str) -> Iterator[tuple[Any, Callable[[float], None]]]:
             while (remaining := end - monotonic()) > 0:
                 executor.spin_once(timeout_sec=remaining)
 
-        try:
-            yield node, spin
-        finally:
-            executor.shutdown()
-            node.destroy_node()
-    finally:
-        rclpy.shutdown(context=context)
+        yield node, spin
 
 
 def run(

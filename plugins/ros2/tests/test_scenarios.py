@@ -422,9 +422,9 @@ SCENARIOS: dict[str, tuple[Callable[[Bench], float], float]] = {
     "the server is suspended": (server_lost(*RUNS, STOP, KILLED), 5.5),
     "kill -9 of the server, which starts again": (
         server_lost(*RUNS, KILL, "was started again and does not know the goal", again=True),
-        3,
+        5,
     ),
-    "the next goal at a server that started again": (server_returns, 4),
+    "the next goal at a server that started again": (server_returns, 6),
     "kill -9 of a key's service, which starts again": (service_returns, 6.5),
     # The goal goes on.
     "the server is suspended for 3 s": (hangs_briefly, 0.1),
