@@ -110,4 +110,5 @@ def test_the_page_s_differences_are_those_of_the_shared_seeds() -> None:
             f" {(editor_runs > control).sum()}",
             row[3].strip(),
         ]
-        assert float(row[3]) == pytest.approx(test.p, rel=0.07)
+        told = float(row[3].strip(" <"))
+        assert test.p < told if "<" in row[3] else told == pytest.approx(test.p, rel=0.07)
