@@ -13,7 +13,7 @@ from islandgp.bt.analysis.context import without_interrupts
 from islandgp.bt.analysis.names import fresh_name
 from islandgp.bt.core.condition import ConditionExpr, opposite, terms
 from islandgp.bt.core.kinds import UNLIMITED
-from islandgp.bt.core.language import MAX_LEVELS, MAX_NODES
+from islandgp.bt.core.language import MAX_LEVELS, MAX_NODES, parse
 from islandgp.bt.core.node import (
     ActionArgs,
     AlwaysArgs,
@@ -25,6 +25,7 @@ from islandgp.bt.core.node import (
     commented,
     guarded,
     keys_in,
+    sequence,
     walk,
 )
 from islandgp.bt.core.parameters import referenced
@@ -41,8 +42,12 @@ NOTES: Final = ("name", "_description", "_fullpath", "_uid")
 """Attributes without an effect on the tree; they become comments, `# name: ...`."""
 PRECONDITIONS: Final = ("_failureIf", "_successIf", "_skipIf", "_while")
 """Attributes with conditions, in the order in which they are evaluated."""
-POSTCONDITIONS: Final = ("_onSuccess", "_onFailure", "_post")
-"""Attributes that write to the blackboard when a node ends, in this order."""
+POSTCONDITIONS: Final = {
+    "_onSuccess": "sequence { NODE SET }",
+    "_onFailure": "selector { NODE sequence { SET always failure } }",
+    "_post": "selector { sequence { NODE SET } sequence { SET always failure } }",
+}
+"""Attributes that write to the blackboard when a node ends, in this order; see `filled`."""
 _SKIP_IN: Final = ("Sequence", "Fallback", "SequenceWithMemory")
 """The parents in which a node can be skipped, also reactive ones."""
 _EXPLICIT: Final = ("Action", "Condition", "Control", "Decorator")  # <Action ID="X"/> is <X/>
@@ -81,22 +86,23 @@ DIFFERENCES: Final = {
 
 
 GATES: Final = {
-    "DistanceController": "sequence",
-    "GoalUpdatedController": "sequence",
-    "GoalUpdater": "sequence",
-    "SingleTrigger": "sequence",
-    "SpeedController": "sequence",
-    "PathLongerOnApproach": "reactive_selector",
-    "ForEach": "recovery",
-    "ForEachUntilSuccess": "inverter",
+    "DistanceController": "sequence { LEAF CHILD }",
+    "GoalUpdatedController": "sequence { LEAF CHILD }",
+    "GoalUpdater": "sequence { LEAF CHILD }",
+    "SingleTrigger": "sequence { LEAF CHILD }",
+    "SpeedController": "sequence { LEAF CHILD }",
+    "PathLongerOnApproach": "reactive_selector { inverter { LEAF } CHILD }",
+    "ForEach": "recovery 1000000 { inverter { LEAF } CHILD }",
+    "ForEachUntilSuccess": (
+        "inverter { recovery 1000000 { inverter { LEAF } inverter { CHILD } } }"
+    ),
 }
-"""Decorators of Nav2 and MoveIt Pro that become a leaf and their child, by the node above both.
+"""Decorators of Nav2 and MoveIt Pro that become a leaf and their child; see `filled`.
 
-In a sequence the leaf succeeds when the child is due. In a selector the leaf, a condition, is
-inverted: if it fails, the decorator succeeds without its child. In a recovery, which repeats both,
-it is inverted, too: it succeeds as long as there is a next element.
+The leaf of a sequence succeeds when the child is due. That of PathLongerOnApproach is a condition:
+if it fails, the decorator succeeds without its child. That of a loop succeeds as long as there is a
+next element.
 """
-
 
 _DIFFERING: Final = {
     **dict.fromkeys(("Delay", "Timeout", "Sleep", "RateController"), "clock"),
@@ -133,6 +139,15 @@ def tag_of(element: Element) -> str:
 
 
 ALWAYS: Final = {status: Node("always", AlwaysArgs(status)) for status in ("success", "failure")}
+
+
+def filled(template: str, **nodes: Node) -> Node:
+    """The tree of a template, with nodes in the place of its leaves of these names."""
+
+    def visit(node: Node) -> Node:
+        return nodes.get(node.action) or node._replace(children=tuple(map(visit, node.children)))
+
+    return visit(parse(template))
 
 
 def check(test: ConditionExpr) -> Node:
@@ -179,6 +194,7 @@ class Importer:
 
     def tree(self, identity: str | None) -> Node:
         """The tree of that ID; None: the main tree."""
+        self._open, self.above = [], []  # also after an error
         if identity is None:
             identity = self.root.attributes.get("main_tree_to_execute", "")
             trees = self._trees.by_id
@@ -268,10 +284,12 @@ class Importer:
                 )
         if scripts:
             node = without_interrupts(node)
-        for name in (*POSTCONDITIONS, *reversed(before)):
+        for name in POSTCONDITIONS:
             if name in scripts:
-                add = self._tested if name in before else self._then
-                node = add(element, name, scripts[name], node)
+                script = self.assignments(element, scripts[name])
+                node = filled(POSTCONDITIONS[name], NODE=node, SET=script)
+        for name in reversed(before):
+            node = self._tested(element, name, scripts[name], node)
         return commented(node, notes_of(element))
 
     def _tested(self, element: Element, name: str, code: str, node: Node) -> Node:
@@ -290,16 +308,6 @@ class Importer:
             return ALWAYS[status]
         test = self.condition(element, code)
         return unless(opposite(test) if runs_while else test, node, status, watches=runs_while)
-
-    def _then(self, element: Element, name: str, code: str, node: Node) -> Node:
-        """A node after whose end a script writes to the blackboard."""
-        sets = self.assignments(element, code)
-        if name != "_onFailure":
-            node = Node("sequence", (), (node, *sets))
-        if name != "_onSuccess":
-            after = Node("sequence", (), (*sets, ALWAYS["failure"]))
-            node = Node("selector", (), (node, after))
-        return node
 
     def nodes(
         self, element: Element, children: tuple[int, int] = (1, UNLIMITED)
@@ -324,11 +332,12 @@ class Importer:
             self.differs(element, "equal")
         return expr
 
-    def assignments(self, element: Element, code: str) -> tuple[Node, ...]:
-        """The nodes for a script that writes to the blackboard."""
+    def assignments(self, element: Element, code: str) -> Node:
+        """The node for a script that writes to the blackboard."""
         args = [*map(SetArgs, self.read(element, read_assignments, code))]
         self.used += args
-        return tuple(Node("set", each) for each in args)
+        nodes = [Node("set", each) for each in args]
+        return nodes[0] if len(nodes) == 1 else sequence(*nodes)
 
     def read(self, element: Element, reader: Callable[[str, Vocabulary | None], T], code: str) -> T:
         """What is read from a script, with the keys and texts that are passed to this tree."""

@@ -21,11 +21,9 @@ from islandgp.bt.core.kind import Argument, Sort
 from islandgp.bt.core.kinds import KINDS, TARGETS
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import (
-    COUNTS,
     SECONDS,
     AlwaysArgs,
     Args,
-    CountArgs,
     Node,
     ParallelArgs,
     Policy,
@@ -49,6 +47,7 @@ from islandgp.bt.export.cpp_importer import (
     Importer,
     Reader,
     check,
+    filled,
     is_check,
     literal,
     notes_of,
@@ -62,6 +61,11 @@ _BOARD: Final = re.compile(r"\{[A-Za-z_][A-Za-z0-9_]*\}")  # a port that names a
 _NUMBER: Final = re.compile(r"[0-9]{1,9}(\.[0-9]{1,20})?")
 CLOCKED: Final = {"Sleep": "msec", "Delay": "delay_msec", "Timeout": "msec", "RateController": "hz"}
 """The ports of nodes that measure time by the computer's clock."""
+_BOTH: Final = (
+    "reactive_sequence {"
+    " reactive_selector { inverter { TEST } THEN } reactive_selector { TEST ELSE } }"
+)
+"""A WhileDoElse whose first child is a leaf."""
 NO_ELSE: Final = "no else"  # name of an AlwaysFailure in place of a third child
 _DEFAULTS: Final = {"number_of_retries": "1"}  # of a RecoveryNode
 _FLAGS: Final = {"true": "yes", "1": "yes", "false": "no", "0": "no"}
@@ -110,14 +114,14 @@ def args_of(root: Element, leaves: Vocabulary, folder: Path | None = None) -> li
 
     A tree that cannot be read counts up to its error. Arguments as in `read_tree`.
     """
-    used: list[Args] = []
-    for tree in root.children:
-        if tree.tag == "BehaviorTree":
-            importer = Importer(READERS, root, leaves, folder, any_key=True)
-            with suppress(TreeError):
-                importer.tree(tree.attributes.get("ID", ""))
-            used += importer.used
-    return used
+    trees = [each.attributes.get("ID", "") for each in root.children if each.tag == "BehaviorTree"]
+    if not trees:
+        return []
+    importer = Importer(READERS, root, leaves, folder, any_key=True)
+    for identity in trees:
+        with suppress(TreeError):
+            importer.tree(identity)
+    return importer.used
 
 
 # The readers of nodes, by tag. Each takes the attributes that it knows from the element.
@@ -273,13 +277,7 @@ def _while_else(importer: Importer, element: Element, tag: str) -> Node:
     if len(nodes) == 1:
         return Node("reactive_sequence", (), (test, nodes[0]))
     importer.differs(element, "twice")
-    pairs = zip((_inverted(test), test), nodes, strict=True)
-    return Node("reactive_sequence", (), tuple(Node("reactive_selector", (), p) for p in pairs))
-
-
-def _inverted(node: Node) -> Node:
-    """A node with success and failure exchanged."""
-    return node.children[0] if node.kind == "inverter" else Node("inverter", (), (node,))
+    return filled(_BOTH, TEST=test, THEN=nodes[0], ELSE=nodes[1])
 
 
 def _switch(importer: Importer, element: Element, tag: str) -> Node:
@@ -305,7 +303,7 @@ def _precondition(importer: Importer, element: Element, tag: str) -> Node:
     status = given.pop("return_on_mismatch" if watches else "else", "FAILURE")
     test, child = importer.condition(element, code), without_interrupts(importer.child(element))
     if status == "RUNNING" and not watches:
-        return Node("sequence", (), (Node("until_success", (), (check(test),)), child))
+        return filled("sequence { until_success { CHECK } CHILD }", CHECK=check(test), CHILD=child)
     if status not in ("SUCCESS", "FAILURE"):
         raise ValueError(f"expected SUCCESS or FAILURE as the other status, found {shown(status)}")
     return unless(opposite(test), child, status.lower(), watches=watches)
@@ -317,8 +315,7 @@ def _set(importer: Importer, element: Element, tag: str) -> Node:
     if tag == "SetBlackboard":
         name = given.pop("output_key", "").strip("{}")
         given["code"] = f"{name} := {literal(given.pop('value', ''))}"
-    nodes = importer.assignments(element, given.pop("code", ""))
-    return nodes[0] if len(nodes) == 1 else Node("sequence", (), nodes)
+    return importer.assignments(element, given.pop("code", ""))
 
 
 def _action(importer: Importer, element: Element, tag: str) -> Node:
@@ -346,12 +343,7 @@ def _gate(importer: Importer, element: Element, tag: str) -> Node:
     if tag not in importer.vocabulary.actions:
         raise ValueError(f"expected the node {tag} in the vocabulary, as a leaf")
     leaf = _action(importer, replace(element, children=[]), tag)
-    kind, child = GATES[tag], importer.child(element)
-    if kind == "inverter":
-        loop = Node("recovery", CountArgs(COUNTS[1]), (_inverted(leaf), _inverted(child)))
-        return _inverted(loop)
-    args = CountArgs(COUNTS[1]) if kind == "recovery" else ()
-    return Node(kind, args, (leaf if kind == "sequence" else _inverted(leaf), child))
+    return filled(GATES[tag], LEAF=leaf, CHILD=importer.child(element))
 
 
 def _check(importer: Importer, element: Element, _: str) -> Node:
