@@ -15,9 +15,9 @@ import shutil
 import tempfile
 from collections.abc import Callable
 from contextlib import suppress
-from itertools import islice
+from itertools import chain, islice
 from pathlib import Path
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from filelock import FileLock
 
@@ -42,9 +42,6 @@ from islandgp.records.values import (
 from islandgp.scoring.constraints import recorded_constraints
 from islandgp.tracking.store import ARM, LOCK, SENT, Store, points, run_key
 from islandgp.viewer.run_page import write_page
-
-if TYPE_CHECKING:
-    from mlflow.entities import Metric
 
 MARKER_METRIC: Final = "fitness_max"  # a metric that every generation has
 MAX_POINTS: Final = 1000  # MLflow's limit of points a call
@@ -137,31 +134,21 @@ class RunUploader:
 
     def _send_generations(self) -> None:
         """Sends the points of whole generations, as many in a call as MLflow accepts."""
-        completed, first = self.folder.completed_generations(), self._next
-        pairs = zip(self.folder.records(first), self.folder.costs(first), strict=False)
+        first = self._next
+        missing = self.folder.completed_generations() - first
+        records, costs = self.folder.records(first), self.folder.costs(first)
+        pairs = zip(islice(records, missing), islice(costs, missing), strict=True)
         constraints = recorded_constraints(self.folder.configuration())
-        waiting: list[Metric] = []
-        step = first
-        for record, cost in islice(pairs, completed - first):
-            values = metric_values(generation_values(record, cost, constraints))
-            new = points(values, cost["at"], step)
-            if waiting and len(waiting) + len(new) > MAX_POINTS:
-                self._send_points(waiting, step)
-                waiting = []
-            waiting += new
-            step += 1
-        if waiting:
-            self._send_points(waiting, step)
-        if step < completed:
-            raise TrackingError(
-                f"Expected {completed} generations in {self.folder.path}, found {step}; the"
-                " run's records are damaged."
-            )
-
-    def _send_points(self, batch: list[Metric], following: int) -> None:
-        self.store.client.log_batch(self._run, metrics=batch)
-        self._next = following
-        self._progress()
+        waiting = [
+            points(metric_values(generation_values(record, cost, constraints)), cost["at"], step)
+            for step, (record, cost) in enumerate(pairs, first)
+        ]
+        size = max(1, MAX_POINTS // max(map(len, waiting), default=1))  # generations in a call
+        for at in range(0, len(waiting), size):
+            batch = waiting[at : at + size]
+            self.store.client.log_batch(self._run, metrics=[*chain.from_iterable(batch)])
+            self._next += len(batch)
+            self._progress()
 
     def _progress(self) -> None:
         self.has_sent = True
