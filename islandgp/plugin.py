@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cache
@@ -43,12 +42,6 @@ class ImportedClass(BaseModel, frozen=True, extra="forbid"):
     @field_validator("factory", mode="wrap")
     @classmethod
     def _imported(cls, path: Any, proceed: ValidatorFunctionWrapHandler) -> Any:
-        top = path.partition(":")[0].partition(".")[0] if isinstance(path, str) else ""
-        if top in sys.stdlib_module_names:
-            raise ValueError(
-                f"expected a module of yours, found {top!r}, which is one of Python's own; give the"
-                " file another name"
-            )
         with plugin_errors(str(path)):
             _load(path)
             return proceed(path)

@@ -183,11 +183,14 @@ def best_robot(champion: Mapping[str, Any]) -> str:
     return f"{_name(champion)}: {measured(v)} in {n} unseen world{'s' * (n != 1)}"
 
 
-def best_robot_in_a_sentence(champion: Mapping[str, Any]) -> str:
-    """The best robot's result in unseen worlds with all comparisons, as one sentence."""
+def sentences(summary: Mapping[str, Any]) -> Iterator[str]:
+    """The best robot's result in unseen worlds with all comparisons, its tiers and constraints."""
+    champion = summary["champion"]
     others = (champion["validation"] or {}).get("comparisons", ())
     against = (f"{measured(other, '+')} against the {other['name']}" for other in others)
-    return ", ".join((best_robot(champion), *against)) + "."
+    yield ", ".join((best_robot(champion), *against)) + "."
+    yield from reached(champion)
+    yield from constrained(summary)
 
 
 def comparisons(champion: Mapping[str, Any]) -> Iterator[str]:

@@ -31,14 +31,7 @@ from islandgp.records.manifest import NAME as MANIFEST
 from islandgp.records.manifest import REQUIRED
 from islandgp.records.parameters import flat
 from islandgp.records.sweep import Sweep, arm_of, arm_table, job_of, sweep_note
-from islandgp.records.values import (
-    best_robot_in_a_sentence,
-    constrained,
-    generation_values,
-    metric_values,
-    reached,
-    run_values,
-)
+from islandgp.records.values import generation_values, metric_values, run_values, sentences
 from islandgp.scoring.constraints import recorded_constraints
 from islandgp.tracking.store import ARM, LOCK, SENT, Store, points, run_key
 from islandgp.viewer.run_page import write_page
@@ -197,9 +190,8 @@ def note(folder: RunFolder, about: RunMetadata, status: Status) -> str:
     lines = [f"**{about.title}** ({status.value.lower()})", ""]
     if folder.finished():
         summary = folder.summary()
-        champion = summary["champion"]
-        sentences = [best_robot_in_a_sentence(champion), *reached(champion), *constrained(summary)]
-        lines += [*(f"- {line}" for line in sentences), "", "```", champion["text"].rstrip(), "```"]
+        lines += [f"- {line}" for line in sentences(summary)]
+        lines += ["", "```", summary["champion"]["text"].rstrip(), "```"]
     elif error := folder.error():
         lines += ["```", error.strip()[-3000:], "```"]
     lines += ["", f"`{about.command}`", "", f"Records: `{folder.path}`"]

@@ -30,7 +30,7 @@ from islandgp.records.checkpoint import read_checkpoint
 from islandgp.records.files import PAGE, RunMetadata
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import HIDDEN
-from islandgp.records.values import best_robot_in_a_sentence, constrained, reached
+from islandgp.records.values import sentences
 from islandgp.resources import program
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import in_words
@@ -97,15 +97,6 @@ def run_page(
         "archive": archive_map(view),
         "front": [] if summary is None else summary["champion"]["front"],
     }
-    sentences = (
-        []
-        if summary is None
-        else [
-            best_robot_in_a_sentence(summary["champion"]),
-            *reached(summary["champion"]),
-            *constrained(summary),
-        ]
-    )
     return filled(
         "run.html",
         about=about,
@@ -117,7 +108,7 @@ def run_page(
         reason=folder.reason(),
         reload=RELOAD,
         replay=script_data(replay if len(replay.encode()) <= REPLAY_BYTES else ""),
-        sentences=sentences,
+        sentences=() if summary is None else tuple(sentences(summary)),
         status=status.value,
         warning=_nothing_works(view) if history.generations else "",
         **(_best(view, champion) if champion else {}),

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from islandgp.experiment import compose
-from islandgp.records.values import best_robot, best_robot_in_a_sentence, comparisons
+from islandgp.records.values import best_robot, comparisons, sentences
 from islandgp.running.report import proposals
 
 
@@ -32,7 +32,7 @@ def test_small_points_have_three_digits() -> None:
         "Against the tree by_hand in the same worlds: +0.0312 points (95 %: -0.2 to +12,346)"
     ]
     gain = "+0.0312 points (95 %: -0.2 to +12,346) against the tree by_hand"
-    assert best_robot_in_a_sentence(champion) == f"{result}, {gain}."
+    assert next(sentences({"champion": champion})) == f"{result}, {gain}."
 
 
 def test_a_broken_plug_in_proposes_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

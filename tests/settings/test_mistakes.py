@@ -43,7 +43,7 @@ ONE_LINE = [
     # words, the line
     (["gp.populaton=3"], "gp.populaton: unknown key; did you mean gp.population?"),
     (["domain.factory=json:Json"],
-     "domain.factory: expected a module of yours, found 'json', which is one of Python's own;"),
+     "domain.factory='json:Json': invalid python path: cannot import name 'Json' from 'json'"),
     (["evaluator.policy.workers=-1"],
      "evaluator.policy.workers: unknown key; --cfg job prints those there are; if it has no"),
     (["supervisor=baseline", "supervisor.policy.dwn=2"],
