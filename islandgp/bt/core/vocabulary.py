@@ -149,7 +149,6 @@ class Key:
     high: Number = 1.0  # greatest threshold of a random tree
     step: Number = 1.0  # distance between two thresholds of random trees, > 0
     most: Number | None = None  # greatest value in any world; None: unbounded
-    noise: Number = 0.0  # standard deviation that perturbed worlds add to a number, >= 0
     whole: Flag = False  # True: a whole number, of which thresholds have no decimals
     words: tuple[Word, ...] = ()  # its values if it is one of some words or texts; else empty
     initial: Number | str | None = None
@@ -218,18 +217,17 @@ def number(
     step: float = 1.0,
     *,
     most: float | None = None,
-    noise: float = 0.0,
     initial: float | None = None,
 ) -> Key:
     """A key that is a number >= `low`; random thresholds are on a grid up to `high`.
 
     With `initial`, its first value, trees can write it.
     """
-    return Key(meaning, False, low, high, step, most, noise, initial=initial)
+    return Key(meaning, False, low, high, step, most, initial=initial)
 
 
 def integer(meaning: str, low: int, high: int, step: int = 1, **fields: Any) -> Key:
-    """A key that is a whole number, with noise too; otherwise as `number`."""
+    """A key that is a whole number; otherwise as `number`."""
     return replace(number(meaning, low, high, step, **fields), whole=True)
 
 
@@ -267,13 +265,12 @@ def _checked_key(key: Key) -> Key:
     words, most, initial = key.choices, inf if key.most is None else key.most, key.initial
     expect(len({*words}) == len(words), "different words", [*words])
     if words:
-        is_plain = not key.noise and not (key.flag and (key.words or key.whole))
-        expect(is_plain, "flag(...) or enumeration(...), without noise", key.meaning)
+        is_plain = not (key.flag and (key.words or key.whole))
+        expect(is_plain, "flag(...) or enumeration(...)", key.meaning)
         can_have = initial in words
     else:
         check_range(key, (key.low, key.high, key.step, key.most or 0) if key.whole else ())
         expect(most > key.low, "most above low", f"{most:g}, {key.low:g}")
-        expect(key.noise >= 0, "noise of at least 0", key.noise)
         can_have = not isinstance(initial, str | None) and key.low <= initial <= most
         can_have &= not (key.whole and can_have and initial % 1)  # type: ignore[operator]
     kind = " | ".join(words) or f"a number from {key.low:g} to {most:g}"

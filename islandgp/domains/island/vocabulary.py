@@ -97,12 +97,10 @@ VOCABULARY: Final = Vocabulary(
     },
     keys={
         "batteryLevel": number(
-            "charge of the battery in percent, 0 to 100", 0, 100, step=5, most=100, noise=2
+            "charge of the battery in percent, 0 to 100", 0, 100, step=5, most=100
         ),
-        "robotCurrentExtraCapacity": integer(
-            "room left for garbage in items, 0 to 30", 0, 30, noise=1
-        ),
-        "lap": integer("patrol rounds finished, from 0", 0, 5, noise=0.1),
+        "robotCurrentExtraCapacity": integer("room left for garbage in items, 0 to 30", 0, 30),
+        "lap": integer("patrol rounds finished, from 0", 0, 5),
         "foundGarbage": flag("garbage is in sight"),
         "isHumanoidWantToClear": flag("a humanoid in sight asks for clearing"),
     },
@@ -179,7 +177,6 @@ SCHEMA: Final = Schema(
         "waypoint": ShapeStyle("patrol waypoint", "+", "cross", "#2e8b57"),
         "rock": ShapeStyle("rock or tree", "o", "circle", "#9a9a9a"),
     },
-    delay=20,
 )
 
 
