@@ -36,7 +36,7 @@ def printed_outputs(notebook: Any) -> list[str]:
     return [text for text in texts if "Figure" not in text]
 
 
-def test_there_are_two() -> None:
+def test_there_are_two_notebooks() -> None:
     """One analyses a sweep, one improves a tree."""
     assert sorted(NOTEBOOKS) == ["a_sweep", "a_tree"]
 

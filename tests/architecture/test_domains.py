@@ -24,7 +24,7 @@ def test_no_module_imports_a_domain() -> None:
     assert importers == set()
 
 
-def test_domains_do_not_know_each_other() -> None:
+def test_domains_do_not_import_each_other() -> None:
     """Nor does one import anything of another one's folder."""
     importers = {
         f"{i.module} imports {i.name}"

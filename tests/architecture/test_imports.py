@@ -120,7 +120,7 @@ def test_imports_go_one_way() -> None:
 
 
 @pytest.mark.parametrize("pair", list(combinations(["supervision", "evaluation"], 2)))
-def test_neighbours_do_not_know_each_other(pair: tuple[str, str]) -> None:
+def test_supervisors_and_evaluators_do_not_import_each_other(pair: tuple[str, str]) -> None:
     """Supervisors know no evaluator, and evaluators no supervisor."""
     for one, other in (pair, pair[::-1]):
         violations = [
@@ -130,7 +130,7 @@ def test_neighbours_do_not_know_each_other(pair: tuple[str, str]) -> None:
 
 
 @pytest.mark.parametrize("library", MAY_IMPORT)
-def test_who_may_import(library: str) -> None:
+def test_libraries_are_imported_in_their_layer_only(library: str) -> None:
     """Each of these libraries has its own place."""
     places = MAY_IMPORT[library]
     users = {i.module for i in imports() if i.top == library}

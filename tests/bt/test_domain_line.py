@@ -43,7 +43,7 @@ def test_a_file_may_say_its_domain(head: str) -> None:
 @pytest.mark.parametrize(
     "text", ["", TREE, f"# domain island\n{TREE}", "domain", "domains island", "domain 3 x", "# a"]
 )
-def test_other_texts_say_none(text: str) -> None:
+def test_comments_name_no_domain(text: str) -> None:
     """Neither a comment nor half a line names a domain."""
     assert domain_of(text) == ""
 

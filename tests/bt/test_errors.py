@@ -165,7 +165,7 @@ def test_kinds_of_errors() -> None:
     assert type(excinfo.value) is TreeError
 
 
-def test_errors_travel() -> None:
+def test_an_error_from_another_process_keeps_its_place() -> None:
     """An error that crosses a process boundary keeps its place and its message."""
     with pytest.raises(TreeError) as excinfo:
         parse("selector {\n  Patrl }", VOCABULARY)

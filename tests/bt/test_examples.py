@@ -22,7 +22,7 @@ def tree(name: str) -> str:
     return (resource("grammar") / "examples" / f"{name}.bt").read_text(encoding="utf-8")
 
 
-def test_there_is_one_for_each_objective() -> None:
+def test_there_is_an_example_for_each_row_of_table_7() -> None:
     """One tree for each row of Table 7, and more: good, poor, of one behaviour, after Figure 9."""
     assert [path.stem for path in EXAMPLES] == [
         "all_rounder",

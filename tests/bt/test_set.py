@@ -109,7 +109,7 @@ def ticked(
     return [tick() for _ in range(times)], board, calls
 
 
-def test_what_is_ticked_later_sees_the_new_value() -> None:
+def test_nodes_that_tick_later_see_the_new_value() -> None:
     """A guard behind a `set` in the same tick, and in the next ticks."""
     source = "selector { sequence { set tries = tries + 1 when tries > 2 { Go } } Look }"
     statuses, board, calls = ticked(source, 3, SUCCESS)

@@ -115,7 +115,7 @@ def test_every_champion_is_scored_under_every_task() -> None:
     assert runs[measures[1].key].iloc[0] == points["arm100", 0, high]
 
 
-def test_unseen_worlds_are_those_of_nobody() -> None:
+def test_unseen_worlds_are_of_a_stream_of_their_own() -> None:
     """They come from a separate stream, the same for all, and not from 0 as in `play`."""
     study = _study()
     seeds = unseen_worlds(study, 100)

@@ -86,7 +86,7 @@ def test_runs_are_pairs_only_from_the_same_start(key: str, value: Any, expected:
     assert bool(row["pairs"]) is expected
 
 
-def test_what_both_selections_name_is_what_is_studied() -> None:
+def test_keys_that_both_selections_name_are_studied() -> None:
     """gp.mutate_elites may differ where every arm asks for its value."""
     arms = [
         _arm("a", range(2), "gp.mutate_elites=true", gp__mutate_elites=True),

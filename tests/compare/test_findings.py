@@ -78,7 +78,7 @@ def test_censored_runs_have_all_generations() -> None:
     assert verdict(rows.iloc[1]) == "never in either arm"
 
 
-def test_too_few_runs_are_said() -> None:
+def test_too_few_runs_are_reported() -> None:
     """With four pairs no signed-rank test can be below 0.05."""
     row = examine_all(_study(4, **TWO), DEFAULT_PLAN, [MEAN_MAX]).iloc[0]
     assert verdict(row) == "not shown: too few runs (least p 0.12)"

@@ -105,7 +105,7 @@ def test_runs_of_several_sweeps_are_listed(tmp_path: Path) -> None:
         arms_of_sweep(runs)
 
 
-def test_a_range_that_is_none() -> None:
+def test_an_invalid_range() -> None:
     """A range must hold numbers."""
     with pytest.raises(StudyError, match=r"Expected range\(N\) or range\(M, N\), found range\(a\)"):
         parse_selection("seed=range(a)")

@@ -156,7 +156,9 @@ def test_table_1(
 
 @examples(max_examples=100)
 @given(data=st.data(), size=st.integers(4, 70), archive=archives(), seed=SEEDS)
-def test_other_sizes(data: st.DataObject, size: int, archive: BehaviourArchive, seed: int) -> None:
+def test_table_1_scales_with_the_population(
+    data: st.DataObject, size: int, archive: BehaviourArchive, seed: int
+) -> None:
     """Table 1 scales: populations keep their size, and every row its scaled range."""
     population = data.draw(populations(size))
     table = composed().allocation
@@ -236,7 +238,7 @@ def test_resurrection() -> None:
     assert resurrected == [(("2.5",), TREES[3])]
 
 
-def test_nothing_to_resurrect() -> None:
+def test_a_class_that_never_existed_cannot_be_resurrected() -> None:
     """What never was cannot come back."""
     population = people([outcome()] * 30)
     assert counted(built(population, archive={}))["resurrected"] == 0

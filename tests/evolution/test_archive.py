@@ -323,7 +323,7 @@ def test_resumed_from_any_state(overrides: tuple[str, ...]) -> None:
         assert resumed[-1].archive == straight[-1].archive
 
 
-def test_an_old_state_has_none() -> None:
+def test_a_state_without_an_archive_gets_an_empty_one() -> None:
     """A run goes on from a state of a version without archives, with an empty one."""
     step = run()[3]
     assert step.state is not None

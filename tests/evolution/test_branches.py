@@ -299,7 +299,7 @@ def test_tune_leaves_the_grid_and_sometimes_moves_all() -> None:
 
 @pytest.mark.parametrize("operator", NEW)
 @pytest.mark.parametrize("domain", VOCABULARIES)
-def test_other_vocabularies(operator: str, domain: str) -> None:
+def test_branches_fit_small_vocabularies(operator: str, domain: str) -> None:
     """Without keys there is no guard; with one action there is no other; numbers stay in range."""
     space = replace(SPACE, vocabulary=VOCABULARIES[domain])
     action = next(iter(space.actions))

@@ -65,7 +65,7 @@ def test_what_makes_an_episode_another_one() -> None:
     assert cached.simulated == 4
 
 
-def test_outcomes_outlast_other_batches(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_cached_outcomes_outlast_other_batches(monkeypatch: pytest.MonkeyPatch) -> None:
     """Such as the archive's between two generations; the oldest ones go where there are many."""
     monkeypatch.setattr(base, "MAX_CACHED", 3)
     cached = Cached(Fake())

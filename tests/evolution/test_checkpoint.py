@@ -97,7 +97,7 @@ def test_one_wrong_byte(saved: Path, data: st.DataObject) -> None:
 @pytest.mark.parametrize(
     "text", ["", "null", "[]", "{}", '{"state": 1}', '{"state": [], "sha256": 3}']
 )
-def test_other_files(tmp_path: Path, text: str) -> None:
+def test_files_that_are_no_checkpoint(tmp_path: Path, text: str) -> None:
     """A file of something else is no checkpoint."""
     path = tmp_path / "checkpoint.json"
     path.write_text(text)

@@ -266,7 +266,7 @@ def test_a_record_without_edits_is_as_before() -> None:
     assert from_json(GenerationRecord, json.loads(dump(record_values(record)))) == record
 
 
-def test_what_is_no_edit_ends_the_run() -> None:
+def test_an_invalid_edit_ends_the_run() -> None:
     """In one line that names the supervisor."""
 
     class Wrong(Constant):

@@ -135,7 +135,7 @@ def test_a_single_candidate_is_measured() -> None:
 
 
 @given(seed=st.integers(0, 1000))
-def test_validation_worlds_trained_nobody(seed: int) -> None:
+def test_validation_worlds_are_not_those_of_training(seed: int) -> None:
     """They come from a separate stream, and worlds that a run used are left out."""
     training = frozenset(seed_of(seed, Stream.WORLD, generation=g) for g in range(41))
     worlds = validation_seeds(seed, training, 50)

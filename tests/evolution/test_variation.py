@@ -198,7 +198,7 @@ def test_what_each_operator_does() -> None:
         assert len(changed) == 1
 
 
-def test_nothing_to_change() -> None:
+def test_an_operator_without_a_node_to_change_returns_the_tree() -> None:
     """An operator that finds nothing to work on leaves the tree alone."""
     leaf = parse("PatrolWaypoint")
     for operator in ("parameter", "delete", "swap"):

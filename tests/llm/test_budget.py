@@ -42,7 +42,7 @@ def run_of(llm: LLM, generations: int) -> list[str]:
     return [advise(llm, state(g)).source for g in range(generations)]
 
 
-def test_the_table_knows_every_model_of_the_sdk() -> None:
+def test_prices_of_every_model_of_the_sdk_are_known() -> None:
     """Each has a price or is listed as one without."""
     from anthropic.types.model import Model
 
@@ -56,7 +56,7 @@ def test_the_table_knows_every_model_of_the_sdk() -> None:
 
 
 @pytest.mark.parametrize("model", ["claude-fable-5-2", "current-large"])
-def test_a_price_that_nobody_knows_is_not_made_up(model: str) -> None:
+def test_a_cap_in_dollars_needs_a_known_price(model: str) -> None:
     """A cap in dollars cannot be kept with it, and the error names it."""
     with pytest.raises(ConfigError, match=f"expected a model with a known price, found '{model}'"):
         settings(f"model={model}", "caps.usd=1")

@@ -365,7 +365,7 @@ def test_a_client_that_cannot_be_made(factory: str, found: str) -> None:
 
 
 @pytest.mark.parametrize("factory", ["anthropic", "a b:c", ":x"])
-def test_what_is_no_path(factory: str) -> None:
+def test_a_wrong_path_of_a_class_is_refused(factory: str) -> None:
     """It is an error of the configuration."""
     with pytest.raises(IslandError, match="client_factory"):
         composed("supervisor=llm", f"supervisor.policy.client_factory='{factory}'")

@@ -83,7 +83,7 @@ def test_each_refusal_is_named(change: dict[str, Any], message: str) -> None:
 
 
 @pytest.mark.parametrize("edits", [[], "front", None, [3], [[]]])
-def test_what_is_no_list_of_edits_is_refused(edits: object) -> None:
+def test_an_answer_without_a_list_of_edits_is_refused(edits: object) -> None:
     """With the form that is expected."""
     rejection = check(reply_of({"reasoning": "a", "edits": edits}))
     assert isinstance(rejection, Rejection)

@@ -65,7 +65,7 @@ def test_tokens_are_shared() -> None:
 
 
 @pytest.mark.parametrize("content", ["", "later", "nan", "9e99", "-5"])
-def test_a_damaged_file_stops_nobody(folder: Path, content: str) -> None:
+def test_a_damaged_file_of_limits_is_ignored(folder: Path, content: str) -> None:
     """Its time is not waited for."""
     assert Clock().wait(account(requests=60)) == 0
     (file,) = folder.glob("*.turn")
@@ -110,7 +110,7 @@ def test_four_runs_lose_no_answer(tmp_path: Path) -> None:
 
 
 @pytest.mark.usefixtures("folder")
-def test_without_limits_nobody_waits() -> None:
+def test_without_rate_limits_requests_do_not_wait() -> None:
     """The default."""
     clock = Clock()
     assert [clock.wait(settings()) for _ in range(3)] == [0, 0, 0]

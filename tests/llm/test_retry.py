@@ -109,7 +109,7 @@ def test_a_call_goes_on_where_a_kill_ended_it() -> None:
     assert len(client.requests) == 3
 
 
-def test_an_answer_that_is_written_down_is_not_asked_for_again() -> None:
+def test_a_recorded_answer_is_not_asked_for_again() -> None:
     """The same request at the same place of the run is sent once; a different one is sent, too."""
     client = FakeClient([reply_of("one"), reply_of("two")])
     live, _ = calls(client)

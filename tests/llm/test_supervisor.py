@@ -136,7 +136,7 @@ def test_orders_in_an_answer_are_text() -> None:
     ("switch", "kinds"),
     [("adapt_mutation=false", {"tree"}), ("inject=false", {"rate"})],
 )
-def test_what_is_switched_off_is_not_asked(switch: str, kinds: set[str]) -> None:
+def test_guidance_that_is_switched_off_is_not_asked_for(switch: str, kinds: set[str]) -> None:
     """An ablation does not pay for answers that it throws away."""
     run_context = context(None, f"supervisor.{switch}")
     llm, client = supervisor(answering(), run_context=run_context)

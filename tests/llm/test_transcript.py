@@ -53,7 +53,7 @@ START = Start({"model": "m"})
 FAILED = attempt(number=2, answer=Failure(FailureKind.TIMEOUT, "late", 3.5))
 
 
-def test_what_is_written_reads_back(tmp_path: Path) -> None:
+def test_a_transcript_is_read_as_it_was_written(tmp_path: Path) -> None:
     """Attempts, parts and the start are the same after reading, in their order."""
     path = tmp_path / "run" / NAME
     transcript = Transcript(path)

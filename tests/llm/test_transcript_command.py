@@ -114,7 +114,7 @@ def test_a_strangers_transcript_cannot_control_the_terminal(
         (b"", ("--generation", "first"), "--generation"),
     ],
 )
-def test_what_is_no_transcript_is_one_line(
+def test_a_file_that_is_no_transcript_is_one_line(
     islandgp: Cli, tmp_path: Path, content: bytes | None, options: tuple[str, ...], message: str
 ) -> None:
     """Exit code 2, with the file and a remedy."""

@@ -231,7 +231,7 @@ json_values = st.recursive(
 
 
 @given(st.fixed_dictionaries({name: json_values | st.just(GOOD[name]) for name in GOOD}))
-def test_what_is_taken_is_of_the_declared_types(answer: dict[str, object]) -> None:
+def test_accepted_values_have_the_declared_types(answer: dict[str, object]) -> None:
     """A decision is only made of a rate in range and of real names, for any values."""
     result = decide(reply_of(json.dumps(answer)))
     if isinstance(result, Accepted):

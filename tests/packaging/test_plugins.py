@@ -199,7 +199,7 @@ def test_the_help_of_a_plugin_ends_with_an_example(folder: Path, islandgp: Cli) 
         assert example.split()[0] == name
 
 
-def test_nothing_in_the_core_knows_a_plugin() -> None:
+def test_no_module_of_the_package_names_a_plug_in() -> None:
     """No module of `islandgp` names a package of plugins/, or one of their commands."""
     names = {path.name for path in (ROOT / "plugins").glob("*/islandgp_*")}
     for folder in PLUGINS:

@@ -44,7 +44,7 @@ def test_everything_travels(core: Path) -> None:
     assert any(name.endswith("licenses/LICENSE") for name in names)
 
 
-def test_nothing_else_travels(core: Path) -> None:
+def test_the_wheel_has_no_tests_and_documentation(core: Path) -> None:
     """Tests, documentation and caches stay at home."""
     names = zipfile.ZipFile(core).namelist()
     tops = {name.partition("/")[0] for name in names}
@@ -97,7 +97,7 @@ def test_a_user_s_domain(python: Path, tmp_path: Path) -> None:
 
 
 @pytest.mark.slow
-def test_other_rewards(python: Path, tmp_path: Path) -> None:
+def test_rewards_of_a_user_work_with_the_wheel(python: Path, tmp_path: Path) -> None:
     """Another reward table is a file in a user's folder."""
     folder = tmp_path / "mine" / "rewards"
     folder.mkdir(parents=True)

@@ -43,7 +43,7 @@ def best(run: Path, *options: str) -> Result:
     return CliRunner().invoke(group, ["best", str(run), "--workers", "1", *options])
 
 
-def test_the_best_trees_meet_worlds_that_nobody_has_seen(run: Path, tmp_path: Path) -> None:
+def test_the_best_trees_are_tested_in_unused_worlds(run: Path, tmp_path: Path) -> None:
     """The race's winner comes first, and no test world trained or chose anybody."""
     file = tmp_path / "best tree.bt"
     result = best(run, "--worlds", "3", "--json", "-o", str(file))
@@ -64,7 +64,7 @@ def test_the_best_trees_meet_worlds_that_nobody_has_seen(run: Path, tmp_path: Pa
 
 
 @pytest.mark.slow
-def test_the_same_again(run: Path) -> None:
+def test_a_repeated_command_has_the_same_result(run: Path) -> None:
     """The table is a function of the run."""
     assert best(run, "--worlds", "2").output == best(run, "--worlds", "2").output
 

@@ -129,7 +129,7 @@ def test_compare(folder: RunFolder, tmp_path: Path) -> None:
     assert frame["kept in validation worlds"][0].endswith(" %")
 
 
-def test_nothing_of_it_without_constraints(tmp_path: Path) -> None:
+def test_without_constraints_no_figure_of_them_is_recorded(tmp_path: Path) -> None:
     """Summary, frames and page have no more than before."""
     experiment = islandgp.compose(*OVERRIDES[:-2], f"runs={tmp_path}")
     results = experiment.run()

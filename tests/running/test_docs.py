@@ -188,7 +188,7 @@ def test_the_head_of_the_table_is_the_programs(capsys: pytest.CaptureFixture[str
     assert capsys.readouterr().err.splitlines()[1] in TEXT
 
 
-def test_pictures_are_there() -> None:
+def test_each_picture_of_the_page_exists() -> None:
     """Each picture that the text shows is a file."""
     for name in re.findall(r"!\[[^]]*\]\(([^)]*)\)", TEXT):
         assert (ROOT / "docs" / name).is_file(), name

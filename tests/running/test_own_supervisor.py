@@ -79,7 +79,7 @@ def test_settings_that_are_no_pydantic_model(cwd: Path, capsys: pytest.CaptureFi
     assert "mysup.Mine.Settings" in line
 
 
-def test_a_supervisor_that_is_none(cwd: Path, capsys: pytest.CaptureFixture[str]) -> None:
+def test_a_class_that_is_no_supervisor(cwd: Path, capsys: pytest.CaptureFixture[str]) -> None:
     """As when `make` has no return."""
     source = WELL + "    @classmethod\n    def make(cls, a, b): pass\n"
     assert command(cwd, source) == 2

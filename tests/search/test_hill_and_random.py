@@ -40,7 +40,7 @@ def test_the_climber_never_falls_in_the_same_worlds() -> None:
     assert state.generation == 7
 
 
-def test_no_child_equals_its_parent_where_others_can_be() -> None:
+def test_a_child_differs_from_its_parent_if_it_can() -> None:
     """A tree is not evaluated twice in the same worlds."""
     search, plan = search_and_plan("hill")
     populations, _ = generations(search, plan, 7)

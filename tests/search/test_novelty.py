@@ -57,7 +57,7 @@ def test_the_novel_are_parents_and_the_fittest_stay() -> None:
     assert mothers.count("0.9") > len(mothers) / 2
 
 
-def test_what_is_known_is_not_novel() -> None:
+def test_known_behaviour_is_not_novel() -> None:
     """The archive remembers places of individuals that are gone."""
     search, _ = search_and_plan("novelty", "search.policy.neighbours=1")
     first = [evaluated("0.0", charges=1), evaluated("0.1"), evaluated("0.2")]

@@ -8,7 +8,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 
 
-def test_each_quoted_message_is_one_of_ours() -> None:
+def test_each_quoted_message_is_in_the_code() -> None:
     """The text in the first cell of each row that quotes one is in the sources, `...` aside."""
     page = (ROOT / "docs" / "troubleshooting.md").read_text(encoding="utf-8")
     files = [*ROOT.glob("islandgp/**/*.py"), *ROOT.glob("plugins/*/*/*.py")]

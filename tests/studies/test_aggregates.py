@@ -332,7 +332,7 @@ def test_worlds_of_different_sizes_are_approximated() -> None:
 
 
 @pytest.mark.slow
-def test_exact_p_s_are_even_where_nothing_differs() -> None:
+def test_exact_p_values_are_uniform_without_a_difference() -> None:
     """Of 400 comparisons of equal arms about 5 % have p < 0.05, stratified and paired."""
     rng = np.random.default_rng(0)
     for paired in (False, True):

@@ -26,7 +26,7 @@ def test_bootstrap_is_seeded_and_holds_its_estimate() -> None:
     assert (same.low, same.estimate, same.high) == (3, 3, 3)
 
 
-def test_bootstrap_with_runs_that_never_got_there() -> None:
+def test_bootstrap_with_censored_runs() -> None:
     """An infinite value makes an end infinite; where both medians are, anything is possible."""
     inf = math.inf
     difference = bootstrap([[1.0, 2.0] * 5, [inf] * 10], median_difference)

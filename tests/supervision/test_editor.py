@@ -131,7 +131,7 @@ def test_a_branch_that_is_there_already_gets_a_wider_guard() -> None:
     assert all(edit.branch != parse(CHARGE) for edit in edits)
 
 
-def test_nothing_to_edit() -> None:
+def test_no_edits_without_a_weak_behaviour() -> None:
     """Where the best tree meets everything, where no generation was seen, or another one."""
     all_of_it = individual(
         "0.0", COLLECT, pickups=9, interactions=9, deliveries=9, charges=9, gathered=99

@@ -273,7 +273,7 @@ def test_advice_keeps_the_tables(view: PopulationState, seed: int) -> None:
         (6, 0.5, 0.15),
     ],
 )
-def test_the_more_there_is_to_lose_the_lower_the_rate(
+def test_the_rate_falls_with_working_and_complete_robots(
     complete: int, working: float, rate: float
 ) -> None:
     """In refinement, 0.15-0.25: down with Complete Robots, up to six, or with working ones."""

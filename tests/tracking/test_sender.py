@@ -85,7 +85,7 @@ def test_a_slow_file_is_waited_for(sender: Sender) -> None:
     assert sender.finish(send, 0.1, COMMAND, may_hang=False) == ""
 
 
-def test_without_patience_nothing_is_waited_for(
+def test_without_patience_the_run_does_not_wait(
     sender: Sender, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """A sweep sends what is missing at its end. The thread goes on meanwhile."""

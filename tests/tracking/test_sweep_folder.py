@@ -144,7 +144,7 @@ def test_jobs_find_the_same_parent(home: Path, store: Store) -> None:
     assert parent_run(home / "runs/s/three", store) is None
 
 
-def test_what_tells_arms_apart_comes_first_in_mlflow() -> None:
+def test_factors_come_first_in_the_groups_of_mlflow() -> None:
     """Its list of groups has room for ten letters."""
     arms = ("curriculum=last interaction.base=100", "expert seed=a=b", "expert", "")
     assert [levels_first(arm) for arm in arms] == [

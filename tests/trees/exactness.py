@@ -425,10 +425,10 @@ def groups() -> Iterator[tuple[str, Iterable[Case]]]:
     yield "random trees that write keys", writing(4000)
     yield "random trees with keys as counts and seconds", counted_by_keys(2400)
     for kind in (kind for kind in INNER if kind not in NAV2):
-        yield f"random trees with `{kind}`", cases_with(kind, 1600 if kind == "if_else" else 50)
+        yield f"`{kind}`", cases_with(kind, 1600 if kind == "if_else" else 50)
     for kind in (kind for kind in INNER if kind in NAV2):
         number = 400 if kind == "every" else 100  # its cases are short
-        yield f"random trees with `{kind}`, models of Nav2's nodes", nav2_cases(kind, number)
+        yield f"`{kind}`, models of Nav2's nodes", nav2_cases(kind, number)
     problem = composed().problem()
     first = random_trees(composed(), 100)
     yield (

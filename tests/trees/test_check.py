@@ -259,7 +259,7 @@ def test_a_warning_names_the_uses_to_which_it_applies() -> None:
     assert warning.message.endswith("; in the uses at 3:12, 3:39")
 
 
-def test_other_encodings(islandgp: Cli, tmp_path: Path) -> None:
+def test_a_file_that_is_not_utf_8_is_refused(islandgp: Cli, tmp_path: Path) -> None:
     """A file that is not UTF-8 gives one clear line and exit code 2."""
     file = tmp_path / "t.bt"
     file.write_bytes(b"# caf\xe9\nPatrolWaypoint")

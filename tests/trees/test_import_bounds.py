@@ -78,7 +78,7 @@ def test_losses_of_an_import(text: str) -> None:
     assert {d.about for d in imported.differences} == set(LOST[text].split())
 
 
-def test_guards_that_nobody_observes() -> None:
+def test_guards_that_are_not_observed() -> None:
     """A When in a composite of the library interrupts nothing there, so it does not here."""
     guard = "<When condition='foundGarbage'><A/></When>"
     text = short_xml(xml_of(f"<Fallback>{guard}<B/></Fallback>"))
@@ -171,7 +171,7 @@ def test_one_of_several_trees(islandgp: Cli, tmp_path: Path) -> None:
     assert "there is no <BehaviorTree ID=''>" in islandgp("import", file, "--tree", "").err
 
 
-def test_what_is_no_import(islandgp: Cli, tmp_path: Path) -> None:
+def test_a_file_that_cannot_be_imported_is_refused(islandgp: Cli, tmp_path: Path) -> None:
     """An empty file and one in the language are refused with what is expected."""
     for number, text in enumerate(["", "\ufeff\n", f"selector {{ {A} {B} }}"]):
         file = tmp_path / f"my tree {number}.xml"
@@ -347,7 +347,7 @@ def test_check_of_large_trees(levels: int, count: int) -> None:
         assert isinstance(quick(warnings, text, VOCABULARY), list)
 
 
-def test_what_is_written_can_be_read() -> None:
+def test_an_import_that_is_too_long_to_be_read_is_refused() -> None:
     """A tree whose canonical text is too long to be read back is refused."""
     lines = ["subtree s0 = sequence { SeekCharger ExecuteCharge }"]
     lines += [f"subtree s{i + 1} = selector {{ use s{i} use s{i} }}" for i in range(11)]

@@ -92,7 +92,9 @@ def test_wrong_texts(islandgp: Cli, folder: Path, command: str, kind: str) -> No
 
 @pytest.mark.parametrize("command", ["fmt", "check", "diff", "export", "simplify"])
 @pytest.mark.parametrize("kind", PLAIN)
-def test_other_encodings_of_lines(islandgp: Cli, folder: Path, command: str, kind: str) -> None:
+def test_line_ends_of_all_systems_are_accepted(
+    islandgp: Cli, folder: Path, command: str, kind: str
+) -> None:
     """Marks, line ends of all systems and any characters in comments are accepted."""
     name = "\N{ROBOT FACE} b\u00e4r.bt"
     (folder / name).write_bytes(PLAIN[kind])

@@ -46,7 +46,7 @@ def theme(browser: Browser, request: pytest.FixtureRequest) -> Iterator[str]:
     browser.call("Emulation.setEmulatedMedia", features=[])
 
 
-def test_names_for_those_who_do_not_see(browser: Browser, file: Path) -> None:
+def test_controls_have_names_for_screen_readers(browser: Browser, file: Path) -> None:
     """Every canvas, picture of a tree, button and choice has a name, and the time is a slider."""
     browser.open(f"file://{file}#t=123.4")
     for role, name in (("img", "The world"), ("img", "Fitness"), ("img", "Behaviour tree")):

@@ -112,7 +112,7 @@ def test_odd_parents_end_the_chain(tmp_path: Path, parents: list[str]) -> None:
     assert ([step.first["id"] for step in chain.steps], chain.is_complete) == (["1.0"], False)
 
 
-def test_nobody(tmp_path: Path) -> None:
+def test_an_unknown_individual_has_no_ancestors(tmp_path: Path) -> None:
     """An individual that the records do not have has no ancestors."""
     folder = folder_of(tmp_path / "run", [[individual("0.0", "random", tree=A)]])
     for name in ("9.0", "0.9", "", "a.b"):

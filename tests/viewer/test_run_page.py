@@ -134,7 +134,7 @@ def test_curves_are_the_records(finished: RunFolder, page: Parsed) -> None:
     assert curves["best_of_stage"] == [max(curves["fitness_max"][: g + 1]) for g in range(8)]
 
 
-def test_the_highest_so_far_begins_again_with_a_stage() -> None:
+def test_the_best_so_far_is_that_of_the_stage() -> None:
     """Points of two stages are not compared."""
     history = RunRecords({})
     cost = {"episodes": 1, "evaluation": 0, "supervision": 0, "operators": 0}
@@ -179,7 +179,7 @@ def test_the_champion_and_how_it_came_to_be(finished: RunFolder, page: Parsed) -
     assert f"{steps} trees in" in page.text or "in one step" in page.text
 
 
-def test_it_needs_nothing_else(page: Parsed) -> None:
+def test_the_page_needs_no_other_file(page: Parsed) -> None:
     """No element names another file, and there are the page's three scripts only."""
     assert [name for name, _ in page.scripts] == ["data", "replay", None]
     for tag, attributes in page.elements:
@@ -450,7 +450,7 @@ def test_the_replay_opens_in_the_page(tab: Browser) -> None:
 
 
 @pytest.mark.parametrize("width", [1500, 800, 400])
-def test_it_fits_into_the_window(
+def test_the_page_fits_into_the_window(
     tab: Browser, file: Path, sized: Callable[[int, int], None], width: int
 ) -> None:
     """The page scrolls down, never sideways."""

@@ -103,7 +103,7 @@ def test_in_the_simulator(islandgp: Cli) -> None:
     assert one.err.rpartition(",")[0] == two.err.rpartition(",")[0]  # but for the seconds
 
 
-def test_nothing_better(islandgp: Cli, awake: type[Awake]) -> None:  # noqa: ARG001 -- the fixture is what it does
+def test_a_tree_without_a_better_one_stays_as_it_is(islandgp: Cli, awake: type[Awake]) -> None:  # noqa: ARG001 -- the fixture is what it does
     """The text comes out as it was, to the byte."""
     text = "when  batteryLevel<63.40 { MoveToGarbage }\r\n"
     result = islandgp("tune", "-", "--episodes", 400, *SHORT, stdin=text)

@@ -199,7 +199,7 @@ def test_the_episodes_are_counted() -> None:
     assert len(progress) == len(hill.calls)
 
 
-def test_who_meets_which_worlds() -> None:
+def test_worlds_of_each_individual() -> None:
     """All trees of a generation meet the same worlds; no two calls have a world in common."""
     hill, _, _ = tuned_once()
     worlds = [world for _, each in hill.calls for world in each]

@@ -38,7 +38,7 @@ def page(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
 
 
 @pytest.mark.parametrize("file", ["plan.yaml", Path(__file__).parents[1] / "nav2" / "robot.yaml"])
-def test_other_maps(page: Path, file: str | Path) -> None:
+def test_all_maps_of_the_plug_in_are_read(page: Path, file: str | Path) -> None:
     """The other maps of the page and of the plug-in are read."""
     assert read_map(page / file).actions
 

@@ -87,7 +87,7 @@ def test_two_items_in_a_tick(lay: Lay) -> None:
     assert trace.steps("pickup") == [0, 0]
 
 
-def test_full_robot_picks_nothing_up(lay: Lay) -> None:
+def test_a_full_robot_cannot_pick_up(lay: Lay) -> None:
     """Without room PickupGarbage fails, and the item stays."""
     lay(garbage=[150.5 + 150j, 149.5 + 150j, 150 + 150.5j])
     trace = day("PickupGarbage", short(1, robot={"capacity": 2}))
@@ -190,7 +190,7 @@ def test_humanoid_in_sight(lay: Lay, x: float, visible: bool) -> None:
     assert late.status == ("RUNNING" if visible else "FAILURE")
 
 
-def test_full_robot_takes_nothing_over(lay: Lay) -> None:
+def test_a_full_robot_cannot_take_garbage_over(lay: Lay) -> None:
     """Without room MoveToHumanoid fails; with little room it takes what fits."""
     lay(humanoids=[(151.5, 150)], turns=asking(0, items=9))
     trace = day("MoveToHumanoid", short(2, robot={"capacity": 3}))

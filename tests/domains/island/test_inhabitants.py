@@ -21,7 +21,7 @@ def test_garbage_is_capped(lay: Lay) -> None:
     assert trace.amounts("leftover") == [150]
 
 
-def test_garbage_comes_again_when_there_is_room(lay: Lay) -> None:
+def test_new_garbage_appears_when_there_is_room(lay: Lay) -> None:
     """On a full ground a pickup makes room for the next item."""
     lay(garbage=[150 + 150j, 10 + 10j], spawns=[(5, 20.0, 20.0), (6, 30.0, 30.0)])
     trace = day("PickupGarbage", world(garbage={"initial": 2, "most": 2}, episode={"length": 2}))
@@ -93,7 +93,7 @@ def test_a_standing_robot_can_be_touched(lay: Lay) -> None:
     assert 0 not in trace.moments[-1].touching
 
 
-def test_nobody_near_no_collision(lay: Lay) -> None:
+def test_no_collision_without_a_humanoid_nearby(lay: Lay) -> None:
     """Humanoids on the other side of the island are none of its business."""
     lay(humanoids=[(20, 20), (280, 280)])
     trace = day("PatrolWaypoint", world(waypoints=[[150, 170], [150, 130]], episode={"length": 60}))

@@ -79,7 +79,7 @@ def test_every_event_has_a_row_of_table_3() -> None:
     assert set(composed().rewards.events) == set(EVENTS) == set(SCHEMA.events)
 
 
-def test_what_the_log_counts_is_what_is_scored() -> None:
+def test_counters_of_the_event_log_are_scored() -> None:
     """Fitness while an episode runs, by which it may end, is the outcome's."""
     value = worth(composed().rewards, {})
     assert value("delivery", 4) == value("delivery", 4) == ("delivery", 220)
