@@ -23,7 +23,10 @@ def with_figures(text: str, results: Sequence[Result]) -> str:
     """A page's text with the figures between its markers."""
 
     def part(match: re.Match[str]) -> str:
-        lines = "\n".join(f"- `{r.benchmark}`: {conditions(r)}" for r in results)
+        by_conditions: dict[str, list[str]] = {}
+        for r in results:
+            by_conditions.setdefault(conditions(r), []).append(f"`{r.benchmark}` {r.seconds:g} s")
+        lines = "\n".join(f"- {about}: {', '.join(each)}" for about, each in by_conditions.items())
         return f"{match[1]}{as_markdown(results)}\n\n{lines}\n{match[2]}"
 
     return _PART.sub(part, text)

@@ -44,7 +44,7 @@ def conditions(result: Result) -> str:
     """When and on what a benchmark ran."""
     return (
         f"{result.date}, Python {result.python}, {result.cores} cores,"
-        f" load {result.load:g} before, {result.effort}, {result.seconds:g} s"
+        f" load {result.load:g} before, {result.effort}"
     )
 
 

@@ -82,7 +82,7 @@ def test_pages_hold_the_figures() -> None:
     assert "| a tick |\n" in filled
     assert filled.endswith("3.2 s\n<!-- end -->\nAfter\n")
     assert pages.with_figures(filled, [result(FAST, PLAIN)]) == filled
-    assert "- `b`: 2026-01-02, Python 3.11.0, 4 cores, load 0.12 before, full, 3.2 s" in filled
+    assert "- 2026-01-02, Python 3.11.0, 4 cores, load 0.12 before, full: `b` 3.2 s" in filled
 
 
 def test_the_pages_quote_the_results() -> None:

@@ -226,7 +226,7 @@ function showArchive(archive) {
       const head = archive.domain ? `domain ${archive.domain}\n\n` : "", flags = archive.flags ? ` ${archive.flags}` : "";
       const command = `${archive.command} --seed ${e.world} --stage ${e.stage}${flags} -o cell.html <<'TREE'\n${head}${e.tree}TREE`;
       parts.push(make("pre", {tabindex: "0", "aria-label": "Tree of the elite"}, e.tree));
-      parts.push(make("p", {class: "command"}, "Its replay, as a command with the tree: ", copyButton(command)));
+      parts.push(make("p", {class: "command"}, "The command that replays this tree: ", copyButton(command)));
       parts.push(make("details", {}, make("summary", {}, "The command"), make("pre", {tabindex: "0"}, command)));
     }
     byId("cell").replaceChildren(...parts);
