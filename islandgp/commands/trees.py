@@ -257,11 +257,19 @@ def import_command(
             " import"
         )
     vocabulary = vocabulary_of(TreeText(text if options.declaration else "", name, folder), options)
-    if start == "<":
-        imported = read_tree(text, vocabulary, name=name, tree=identity, folder=folder)
-    else:
-        tree = from_json(text, vocabulary, name=name)
-        imported = Imported(tree, (), to_text(tree))
+    try:
+        if start == "<":
+            imported = read_tree(text, vocabulary, name=name, tree=identity, folder=folder)
+        else:
+            tree = from_json(text, vocabulary, name=name)
+            imported = Imported(tree, (), to_text(tree))
+    except TreeError as error:
+        if options.overrides or options.declaration or vocabulary.domain != default_domain():
+            raise
+        raise TreeError(
+            f"{error}\nThe file does not say its domain and was read as one of"
+            f" {vocabulary.domain}; for another, give --set domain=NAME or --vocabulary FILE."
+        ) from None
     losses = [
         f"{name}:{line}:{column}: not the same ({about}): there, {DIFFERENCES[about]}"
         for line, column, about in imported.differences

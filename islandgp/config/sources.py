@@ -78,7 +78,8 @@ class ConfigSource:
         first, *others = self.folders()[: 1 + (self.user_folder is not None)]
         if others and not (first / f"{self.name}.yaml").exists():
             first, others = others[0], [first]  # Hydra looks for the primary file in one folder
-        search = [f"hydra.searchpath=[file://{other}]" for other in others]
+        quoted = (str(other).replace('"', '\\"') for other in others)
+        search = [f'hydra.searchpath=["file://{other}"]' for other in quoted]
         with _alone(), initialize_config_dir(str(first), version_base="1.3"):
             return compose(self.name, [*overrides, *search], return_hydra_config=True)
 

@@ -222,7 +222,7 @@ MAX_POINTS: Final = 1e100  # of an episode, so that their squares in statistics 
 def blame(job: Job, fault: str) -> str:
     """The message of an error in a job, with its tree and world seed."""
     return (
-        f"Expected an outcome from world seed {job.seed}, stage {job.stage}, found {fault}."
+        f"Expected an outcome from world seed {job.seed}, stage {job.stage + 1}, found {fault}."
         f"{TREE_INTRODUCTION}{job.tree}"
     )
 

@@ -312,7 +312,7 @@ def test_points_must_be_finite_and_not_huge(points: float) -> None:
             run_episode=lambda *_: Outcome({"p": points}, {}, 1, ("",))
         ),
     )
-    with pytest.raises(EvaluationError, match=r"world seed 1, stage 0, found .* points; lower"):
+    with pytest.raises(EvaluationError, match=r"world seed 1, stage 1, found .* points; lower"):
         simulate(setting, Job("PatrolWaypoint", 0, 1, leaf("PatrolWaypoint")))
 
 

@@ -32,6 +32,16 @@ def test_threads_may_compose_at_the_same_time() -> None:
         assert list(seeds) == list(range(4))
 
 
+def test_a_folder_of_configuration_has_any_name(tmp_path: Path) -> None:
+    """Its path may have letters and signs that mean something in Hydra's overrides."""
+    folder = tmp_path / "gewächs (1), 'x' \"y\""
+    (folder / "experiment").mkdir(parents=True)
+    text = "# @package _global_\ngp:\n  population: 6\n"
+    (folder / "experiment" / "mine.yaml").write_text(text, encoding="utf-8")
+    experiment = islandgp.compose("experiment=mine", config_dir=folder)
+    assert experiment.settings.gp.population == 6
+
+
 def test_a_program_that_uses_hydra_keeps_its_configuration() -> None:
     """Composing inside of its block neither fails nor takes its configuration away."""
     with hydra.initialize_config_dir(str(resource("conf")), version_base="1.3"):
