@@ -45,7 +45,7 @@ def keys_read(settings: Settings) -> frozenset[str]:
     keys = {*settings.search.reads(), *(SWITCHES[part] for part in parts)}
     for part in parts:
         if on[part]:
-            keys |= {"supervisor.lag", *gives[part]}
+            keys |= {*gives[part]}
     if settings.allocation is not None:
         keys |= {f"allocation.{slot}" for slot in type(settings.allocation).model_fields}
     if not (on["tree"] and "tree" in parts):

@@ -261,7 +261,6 @@ def _conflicts(settings: Settings) -> Iterator[str]:
     read = settings.search.reads()
     for key, value, most, bound in (
         ("gp.tournament_size", gp.tournament_size, gp.population, "gp.population"),
-        ("supervisor.lag", supervisor.lag, gp.generations - 1, "gp.generations - 1"),
         ("supervisor.edits", supervisor.edits, gp.population - 3, "gp.population - 3"),
         ("allocation.injected", injected, gp.population - 3, "gp.population - 3"),
     ):

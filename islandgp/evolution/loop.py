@@ -7,9 +7,10 @@ from any of its states has the same records.
 
 from __future__ import annotations
 
-from collections import Counter, deque
-from collections.abc import Callable, Generator, Iterable, Sequence
+from collections import Counter
+from collections.abc import Callable, Generator, Iterable
 from dataclasses import dataclass
+from itertools import islice
 from time import perf_counter
 
 from islandgp.evaluation.base import Evaluator
@@ -21,7 +22,6 @@ from islandgp.gp.record import (
     Cost,
     GenerationRecord,
     GuidanceRecord,
-    IndividualRecord,
     RunState,
     Step,
     updated_champion,
@@ -31,7 +31,7 @@ from islandgp.scoring.state import PopulationState
 from islandgp.search.base import Search, SearchState
 from islandgp.seeding import Streams
 from islandgp.supervision.base import GenerationView, Guidance, Supervisor
-from islandgp.supervision.guidance import SupervisorQueue, decide, nameable
+from islandgp.supervision.guidance import SupervisorCalls, decide, nameable
 
 
 def initial_state(plan: Plan, search: Search) -> RunState:
@@ -73,11 +73,10 @@ def evolve(
     start = (
         initial_state(plan, search) if start is None else restored(start, search, plan.vocabulary)
     )
-    lag = plan.switches.lag
-    queue = SupervisorQueue(supervisor, seed=seed, lag=lag, vocabulary=plan.vocabulary)
+    calls = SupervisorCalls(supervisor, seed=seed, vocabulary=plan.vocabulary)
     try:
         parts = Parts(plan, Streams(seed), search, evaluator, library_episodes)
-        loop = _Loop(parts, queue, deque(maxlen=lag))
+        loop = _Loop(parts, calls)
         loop.recall(start, past)
         state: RunState | None = start
         while state is not None:
@@ -85,7 +84,7 @@ def evolve(
             yield step
             state = step.state
     finally:
-        queue.close()
+        calls.close()
 
 
 @dataclass(slots=True)
@@ -93,23 +92,14 @@ class _Loop:
     """A run in progress."""
 
     parts: Parts
-    queue: SupervisorQueue
-    recent: deque[Sequence[IndividualRecord]]  # as many generations as the supervisor's lag
+    supervisor: SupervisorCalls
     guidance: GuidanceRecord | None = None  # for the next generation that is evaluated
 
     def recall(self, start: RunState, past: Iterable[GenerationRecord]) -> None:
         """Passes the generations before `start` to the supervisor, as far as there are records."""
-        plan, records = self.parts.plan, iter(past)
-        for g in range(start.generation):
-            record = next(records, None)
-            view = None if record is None else self._recorded(record)
-            if g >= start.generation - plan.switches.lag:
-                self.queue.ask(population_state(plan, start.history[: g + 1]), view)
-            elif view is not None:
-                self.queue.recall(view)
-            self.guidance = None if record is None else record.guidance
-            if record is not None:
-                self.recent.append(record.individuals)
+        for record in islice(past, start.generation):
+            self.supervisor.recall(self._recorded(record))
+            self.guidance = record.guidance
 
     def _recorded(self, record: GenerationRecord) -> GenerationView:
         """The supervisor's view of a recorded generation."""
@@ -137,9 +127,8 @@ class _Loop:
             answer = self._answer(state, done, population)
             waited = perf_counter() - waiting
             library = max(library, parts.library_episodes())
-            outside = library - state.library + (0 if answer is None else answer.episodes)
-            generations = (*self.recent, done.records) if plan.switches.edits else ()
-            names = nameable(generations, done.archive.elites if generations else ())
+            outside = library - state.library + answer.episodes
+            names = nameable(done.records, done.archive.elites) if plan.switches.edits else {}
             rate = state.advice.rate
             guidance, advice = decide(plan, parts.search, population, answer, rate, names=names)
             memory = updated_memory(parts.search, search_state, done.population, advice, plan)
@@ -165,29 +154,26 @@ class _Loop:
             operators=perf_counter() - began - done.seconds - waited,
             episodes=done.episodes + outside,
             simulated=parts.evaluator.simulated - before,
-            llm=self.queue.spent(),
+            llm=self.supervisor.spent(),
             outside_training=outside,
             library=library - state.library,
         )
         self.guidance = guidance
-        self.recent.append(done.records)
         return Step(record, following, champion, cost, stopped, done.archive.elites)
 
     def _answer(
         self, state: RunState, done: EvaluatedGeneration, population: PopulationState
-    ) -> Guidance | None:
-        """Asks the supervisor about a generation; the answer for the next one, if there is any."""
+    ) -> Guidance:
+        """Asks the supervisor about a generation."""
         plan, now = self.parts.plan, done.stats
-        if now.generation + plan.switches.lag + 1 < plan.gp.generations:  # else it has no effect
-            multipliers = plan.curriculum.multipliers(now.stage)
-            elites = () if plan.switches.lag else done.archive.elites
-            learned = (
-                () if plan.switches.lag else findings(self.parts.search, state, plan.vocabulary)
-            )
-            view = GenerationView(
-                *(now, done.worlds, multipliers, done.records, self.guidance, elites),
-                trials=done.trials,
-                learned=tuple(learned),
-            )
-            self.queue.ask(population, view)
-        return self.queue.answer(now.generation)
+        view = GenerationView(
+            now,
+            done.worlds,
+            plan.curriculum.multipliers(now.stage),
+            done.records,
+            self.guidance,
+            done.archive.elites,
+            trials=done.trials,
+            learned=tuple(findings(self.parts.search, state, plan.vocabulary)),
+        )
+        return self.supervisor.ask(population, view)

@@ -165,7 +165,6 @@ class Switches(BaseModel, frozen=True, extra="forbid"):
 
     adapt_mutation: bool  # its mutation rate takes effect
     inject: bool  # its tree is injected; else a random tree has this slot
-    lag: int = Field(ge=0, le=100)  # generations until an answer takes effect
     edits: int = Field(0, ge=0, le=1000)  # slots of the next population for its edited trees
 
 

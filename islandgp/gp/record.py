@@ -65,7 +65,7 @@ def to_record(e: Evaluated, text: str) -> IndividualRecord:
 class GuidanceRecord:
     """The supervisor's guidance after a generation, and its effect."""
 
-    asked_at: int | None  # generation whose state it answers; None: no answer was due yet
+    asked_at: int | None  # generation whose state it answers
     source: str  # the supervisor's name, or "fallback"
     phase: str | None  # row of Table 8
     pattern: str | None  # row of Table 6

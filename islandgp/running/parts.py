@@ -164,7 +164,6 @@ def run_context(
         inject=settings.supervisor.inject and "tree" in uses,
         edits=settings.supervisor.edits if "edits" in uses else 0,
         by_rate="rate" in uses,
-        lag=settings.supervisor.lag,
         constraints=settings.constraints,
     )
 

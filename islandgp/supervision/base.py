@@ -106,7 +106,6 @@ class RunContext:
     inject: bool  # False: trees are not used and need not be computed
     edits: int = 0  # most edits per generation; further ones are rejected
     by_rate: bool = True  # the search mutates by a rate
-    lag: int = 0  # generations until guidance takes effect
     constraints: Constraints = field(default_factory=dict)  # of the individuals; {}: none
 
 
@@ -120,8 +119,8 @@ class GenerationView:
     individuals: tuple[IndividualRecord, ...]  # in slot order
     guidance: GuidanceRecord | None  # with which it was created; None for generation 0
     archive: tuple[Elite, ...] = ()
-    """The run's elites after this generation; edits may refer to them. () with `supervisor.lag`,
-    and for the generations that a resumed run repeats from its records."""
+    """The run's elites after this generation; edits may refer to them. () for the generations that
+    a resumed run repeats from its records."""
     trials: tuple[EditTrial, ...] = ()  # edited trees that were evaluated
     learned: tuple[str, ...] = ()
     """What the search has found out before this generation, in sentences; () as for `archive`."""

@@ -116,7 +116,6 @@ class Editor:
         self.context = context
         self.requirements = requirements(context.classes)
         self._latest: GenerationView | None = None
-        self._trees: dict[int, dict[str, str]] = {}  # by generation and id; `lag` + 1 generations
         self._examples: dict[str, list[IndividualRecord]] = {}  # by counter, highest counts first
         self._trees_with: Counter[str] = Counter()  # number of evaluated trees, by action
         self._shown_with: Counter[tuple[str, str]] = Counter()
@@ -129,7 +128,6 @@ class Editor:
         """See `GenerationListener`."""
         self._remember_edits(generation)
         self._latest = generation
-        self._trees[generation.snapshot.generation] = {i.id: i.tree for i in generation.individuals}
         counters = dict.fromkeys(r.counter for r in self.requirements)
         for individual in generation.individuals:
             names = set(WORD.findall(individual.tree))
@@ -147,14 +145,12 @@ class Editor:
     def _remember_edits(self, generation: GenerationView) -> None:
         """Remembers edits of the record, so a resumed run repeats none either.
 
-        They refer to individuals of generation `asked_at`.
+        They refer to individuals of the generation before.
         """
-        guidance = generation.guidance
-        if guidance is None or guidance.asked_at is None:
-            return
-        self._trees = {g: trees for g, trees in self._trees.items() if g >= guidance.asked_at}
-        trees = self._trees.get(guidance.asked_at, {})
-        self._advised |= {_change(trees[e.of], e) for e in guidance.edits if e.of in trees}
+        if self._latest is not None and generation.guidance is not None:
+            trees = {i.id: i.tree for i in self._latest.individuals}
+            edits = generation.guidance.edits
+            self._advised |= {_change(trees[e.of], e) for e in edits if e.of in trees}
 
     # Advice.
 

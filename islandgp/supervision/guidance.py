@@ -1,15 +1,8 @@
-"""Asks supervisors, checks and records their guidance, and makes the search's advice from it.
-
-`SupervisorQueue` calls a supervisor directly, or in threads while episodes run. The asynchronous
-queue is named as future work in the paper (section 3.9). The lag is a number of generations: the
-guidance for the state of generation g takes effect after generation g + lag, so records do not
-depend on how long a supervisor takes.
-"""
+"""Asks supervisors, checks and records their guidance, and makes the search's advice from it."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
-from concurrent.futures import Future, wait
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Annotated, Final
 
@@ -37,7 +30,6 @@ from islandgp.supervision.base import (
     Supervisor,
     SupervisorLifecycle,
 )
-from islandgp.threads import in_thread
 
 MAX_EDITS: Final = 100  # edits of a guidance that are checked; further ones are left out
 RECORDED: Final = (
@@ -104,62 +96,35 @@ def _wrong(method: str, expected: str, found: str | ValidationError) -> Supervis
     return SupervisionError(f"Expected {method} to return {expected}, found {found}; correct it.")
 
 
-class SupervisorQueue:
-    """Calls `advise` in threads; its guidance takes effect `lag` generations later.
-
-    States are processed in order. With lag 0 `advise` is called directly, without a thread.
-    """
+class SupervisorCalls:
+    """Calls the methods of a supervisor that it has; its exceptions become errors that name it."""
 
     def __init__(
-        self, supervisor: Supervisor, *, seed: int, lag: int, vocabulary: Vocabulary | None = None
+        self, supervisor: Supervisor, *, seed: int, vocabulary: Vocabulary | None = None
     ) -> None:
         """Asks nothing yet.
 
         Args:
             supervisor: the supervisor.
             seed: of the run, for the supervisor's random stream.
-            lag: generations, >= 0.
             vocabulary: of the domain, as for `ask`.
         """
-        self.supervisor, self.vocabulary, self.seed, self.lag = supervisor, vocabulary, seed, lag
+        self.supervisor, self.vocabulary, self.seed = supervisor, vocabulary, seed
         self._listener = supervisor if isinstance(supervisor, GenerationListener) else None
         self._lifecycle = supervisor if isinstance(supervisor, SupervisorLifecycle) else None
         self._path = path_of(type(supervisor))
-        self._answers: dict[int, Future[Guidance]] = {}  # by generation
-        self._last: Future[Guidance] | None = None
-        self._closed = False
 
     def recall(self, view: GenerationView) -> None:
-        """Passes a recorded generation to the supervisor; before the first `ask`."""
+        """Passes a generation, as recorded, to the supervisor."""
         if self._listener is not None:
             with plugin_errors(self._path):
                 self._listener.on_generation(view)
 
-    def ask(self, state: PopulationState, view: GenerationView | None = None) -> None:
-        """Requests guidance for a generation's state; `view` is the generation as recorded."""
-        previous = self._last
-
-        def advise() -> Guidance:
-            if previous is not None:
-                wait([previous])
-            if self._closed:
-                raise SupervisionError("The run has ended; this guidance is not needed.")
-            if view is not None:
-                self.recall(view)
-            rng = stream(self.seed, Stream.SUPERVISION, generation=state.now.generation)
-            return ask(self.supervisor, state, rng, self.vocabulary)
-
-        if self.lag:
-            answer = in_thread(advise)
-        else:
-            answer = Future()
-            answer.set_result(advise())
-        self._answers[state.now.generation] = self._last = answer
-
-    def answer(self, generation: int) -> Guidance | None:
-        """Waits for the guidance that takes effect after a generation; None in the first `lag`."""
-        answer = self._answers.pop(generation - self.lag, None)
-        return answer.result() if answer is not None else None
+    def ask(self, state: PopulationState, view: GenerationView) -> Guidance:
+        """The guidance for a generation's state; `view` is the generation as recorded."""
+        self.recall(view)
+        rng = stream(self.seed, Stream.SUPERVISION, generation=state.now.generation)
+        return ask(self.supervisor, state, rng, self.vocabulary)
 
     def spent(self) -> dict[str, float]:
         """The costs of supervision so far, by name; empty for a supervisor without any.
@@ -178,28 +143,22 @@ class SupervisorQueue:
         return costs
 
     def close(self) -> None:
-        """Cancels pending requests and closes the supervisor."""
-        self._closed = True
+        """Closes the supervisor."""
         if self._lifecycle is not None:
             with plugin_errors(self._path):
                 self._lifecycle.close()
 
 
-def nameable(
-    generations: Iterable[Sequence[IndividualRecord]], archive: Sequence[Elite]
-) -> dict[str, str]:
-    """The trees that edits may refer to: those of the archive and of these generations."""
-    return {
-        **{e.id: e.tree for e in archive},
-        **{i.id: i.tree for individuals in generations for i in individuals},
-    }
+def nameable(individuals: Sequence[IndividualRecord], archive: Sequence[Elite]) -> dict[str, str]:
+    """The trees that edits may refer to: those of the archive and of a generation."""
+    return {**{e.id: e.tree for e in archive}, **{i.id: i.tree for i in individuals}}
 
 
 def decide(
     plan: Plan,
     search: Search,
     state: PopulationState,
-    answer: Guidance | None,
+    guidance: Guidance,
     rate: float,
     *,
     names: Nameable | None = None,
@@ -212,11 +171,10 @@ def decide(
         plan: of the run.
         search: its `uses` are the parts of the guidance that it can use.
         state: of the population.
-        answer: None if none is due yet (`supervisor.lag`).
+        guidance: the supervisor's answer.
         rate: the mutation rate in force, in [0, 1].
         names: the trees that edits may name; default: none.
     """
-    guidance = answer or Guidance(None, None, "none", reasoning="no answer is due yet")
     switches, refused = plan.switches, []
     # If the rate is not adapted, an emergency rate ends with its crisis.
     proposed = rate if switches.adapt_mutation else plan.gp.mutation_rate
@@ -232,7 +190,7 @@ def decide(
     applied = plan.gp.crisis.rate(proposed, state.crisis)
     edits, trees = decide_edits(plan, search, guidance.edits[:MAX_EDITS], names or {})
     record = GuidanceRecord(
-        asked_at=None if answer is None else state.now.generation - switches.lag,
+        asked_at=state.now.generation,
         wanted_rate=guidance.mutation_rate,
         crisis=state.crisis,
         applied_rate=applied,

@@ -26,7 +26,6 @@ LAYERS: list[tuple[str, ...]] = [
         "resources",
         "installed",
         "plugin",
-        "threads",
         "time_limit",
         "gate",
         "text",

@@ -202,7 +202,7 @@ TREES = sweep(
         ("gp.population=4", "gp.max_depth=2", "gp.max_nodes=3", "gp.trees.children=[1,3]"),
         ("gp.founders=true",),
         (),
-        ("supervisor.lag=3", "supervisor.inject=true"),
+        ("supervisor.inject=true",),
         ("gp.max_depth=50", "gp.max_nodes=5"),
     ],
     quick=3,
@@ -310,7 +310,6 @@ class Edits(Constant):
     [
         ("+supervisor.edits=9", "supervisor.inject=true"),
         ("+supervisor.edits=1", "gp.population=4"),
-        ("+supervisor.edits=2", "supervisor.lag=2"),
         ("+supervisor.edits=3",),
     ],
     quick=2,

@@ -21,7 +21,6 @@ from islandgp.records.files import dump
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, Guidance
 from tests.evolution.runs import Constant, lines, plan, records, run
-from tests.profiles import sweep
 
 LIST = (
     "selector { when batteryLevel < 20 { SeekCharger } sequence { MoveToGarbage PickupGarbage } }"
@@ -232,10 +231,9 @@ def test_a_parent_meets_the_worlds_of_its_edited_tree(overrides: tuple[str, ...]
             assert trial.parent_fitness == sum(points) / n
 
 
-@sweep("lag", [0, 2], quick=1)
-def test_resuming_with_edits(lag: int) -> None:
+def test_resuming_with_edits() -> None:
     """A run that goes on from any of its states has the same edits, trials and trees."""
-    run_plan = plan("+supervisor.edits=2", f"supervisor.lag={lag}")
+    run_plan = plan("+supervisor.edits=2")
     straight = run(run_plan, Edits())
     expected = list(lines(straight))
     assert sum("edit:front" in line for line in expected) >= 4

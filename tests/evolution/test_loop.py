@@ -25,7 +25,7 @@ from tests.composed import composed_plan
 from tests.evolution.fake import Fake
 from tests.evolution.runs import Constant, lines, plan, records, run
 from tests.goldens import check_golden
-from tests.profiles import examples, sweep
+from tests.profiles import examples
 from tests.samples import outcome
 
 CHARGER = parse("sequence { SeekCharger ExecuteCharge }")
@@ -305,10 +305,9 @@ class Probe:
         return Guidance(float(rng.random()), None, self.name, reasoning=str(state.best_trend))
 
 
-@sweep("lag", [0, 1, 3], quick=1)
-def test_resume_from_any_state(lag: int) -> None:
+def test_resume_from_any_state() -> None:
     """A run that goes on from any of its states ends in the same records as one in one go."""
-    run_plan = plan(f"supervisor.lag={lag}")
+    run_plan = plan()
     straight = run(run_plan, Probe())
     expected = list(lines(straight))
     for at, step in enumerate(straight[:-1], 1):

@@ -29,7 +29,7 @@ from tests.llm.samples import advise, answering, context, settings, state, super
 
 
 def expected(*arguments: Any) -> Bill:
-    """The expected bill of a run with these settings, context and lag."""
+    """The expected bill of a run with these settings and context."""
     return budget.expected(run(*arguments))
 
 
@@ -38,8 +38,8 @@ def at_most(*arguments: Any) -> Bill:
     return budget.at_most(run(*arguments))
 
 
-def run(llm_settings: LLMSettings, run_context: RunContext, lag: int = 0) -> SupervisedRuns:
-    return SupervisedRuns(llm_settings, replace(run_context, lag=lag))
+def run(llm_settings: LLMSettings, run_context: RunContext) -> SupervisedRuns:
+    return SupervisedRuns(llm_settings, run_context)
 
 
 def output_of(*arguments: str) -> str:
@@ -56,15 +56,11 @@ def test_every_generation_but_the_last_asks_twice() -> None:
     assert bill.usd == pytest.approx((bill.input_tokens + 5 * bill.output_tokens) / 1e6)
 
 
-def test_answers_that_would_come_too_late_cost_nothing() -> None:
-    """With a lag the last generations are not asked about."""
-    assert expected(settings(), context(), 5).requests == 2 * (40 - 5) + 1
-    assert at_most(settings(), context(), 5).requests == 3 * 2 * 2 * (40 - 5) + 12
-    text = output_of("search=paper", "supervisor=llm", "supervisor.lag=5")
-    assert re.findall(r"([\d,]+) requests", text) == ["71", "432"]
-    racing = output_of("search=racing", "supervisor=llm", "supervisor.lag=5")  # asks for no rate
-    assert re.findall(r"([\d,]+) requests", racing) == ["36", "222"]
-    assert expected(settings(), context(), 99).requests == 1
+def test_the_command_counts_the_questions_of_a_search() -> None:
+    """Racing has no mutation rate to ask for."""
+    for search, requests in (("paper", ["81", "492"]), ("racing", ["41", "252"])):
+        text = output_of(f"search={search}", "supervisor=llm")
+        assert re.findall(r"([\d,]+) requests", text) == requests
 
 
 def test_at_most_counts_attempts_and_repairs() -> None:

@@ -67,8 +67,7 @@ class Killing(MessagesServer):
 @pytest.mark.parametrize(
     ("overrides", "kills"),
     [
-        (("supervisor.lag=0", "gp.generations=10"), set(range(1, 33, 2))),
-        (("supervisor.lag=2",), {1, 4, 9}),
+        (("gp.generations=10",), set(range(1, 33, 2))),
         (("supervisor.edits=2", "supervisor.policy.prompts=informed"), {1, 4, 9}),
     ],
 )

@@ -37,7 +37,7 @@ SMALL = ("gp.population=10", "gp.generations=3", "tracking=off")
 INFORMED = "supervisor.policy.prompts=informed"
 SETTINGS: dict[str, tuple[str, ...]] = {
     "island, racing": (INFORMED, "supervisor.edits=2", "world.episode.length=60"),
-    "island, paper": ("search=paper", INFORMED, "supervisor.lag=1", "world.episode.length=40"),
+    "island, paper": ("search=paper", INFORMED, "world.episode.length=40"),
     "cartpole": ("domain=cartpole", "search=map_elites", "gp.episodes=2"),
     "minigrid": ("domain=minigrid", "search=hill", INFORMED, "gp.shared_seed=false"),
     "pick_place": ("domain=pick_place", "search=nsga2", INFORMED, "supervisor.edits=2"),
@@ -102,7 +102,6 @@ def _claims(run: Settings, has: RunContext, part: str, system: str, user: str) -
         "one world for all": ("same world" in text) is run.gp.shared_seed,
         "worlds for each": ("for each individual" in text) is not run.gp.shared_seed,
         "episodes": ("means over 2 episodes" in text) is (run.gp.episodes > 1),
-        "when": ("generations after the one" in text) is bool(run.supervisor.lag),
         "largest trees": part == "rate"
         or f"{limits.max_depth} levels {'or' if part == 'tree' else 'and'} {limits.max_nodes} nodes"
         in text,
@@ -238,7 +237,6 @@ def system(part: str, run_context: RunContext, *overrides: str) -> str:
         ("rate", "gp.mutate_elites=false", "the best individuals and a tree that you write are"),
         ("tree", "gp.mutate_elites=true", "is mutated with the same chance as all others"),
         ("tree", "gp.mutate_elites=false", "mutation leaves it alone"),
-        ("tree", "supervisor.lag=2", "the generation 3 generations after the one in the report"),
         ("rate", "gp.reseed_every=epoch", "Every epoch has new worlds"),
         ("rate", "gp.reseed_every=never", "The worlds never change"),
         ("rate", "gp.shared_seed=false", "a world of its own for each individual"),
@@ -248,7 +246,7 @@ def system(part: str, run_context: RunContext, *overrides: str) -> str:
     ],
 )
 def test_sentences_follow_the_configuration(part: str, override: str, sentence: str) -> None:
-    """Of mutation, episodes, worlds, stages and the lag."""
+    """Of mutation, episodes, worlds, and stages."""
     assert sentence in system(part, context(None, override))
 
 

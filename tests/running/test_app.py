@@ -83,8 +83,8 @@ def test_what_a_runs_folder_is_called() -> None:
         "supervisor.policy.base_url=http://localhost:11434",
         "supervisor.policy.temperature=0.2",
         "supervisor.policy.api_key=secret",
-        "supervisor.lag=1",
-        "supervisor.lag=2",
+        "supervisor.edits=1",
+        "supervisor.edits=2",
         "evaluator=serial",
         "tracking.policy.patience=3",
         "seed=7",
@@ -92,7 +92,7 @@ def test_what_a_runs_folder_is_called() -> None:
     ]
     config = {"runs": "runs", "name": "x", "supervisor": {"name": "llm"}, "seed": 7}
     assert run_folder(config, overrides, Path("/home")) == Path(
-        "/home/runs/x/llm-seed7-gp.population=12-supervisor.lag=2-supervisor.policy.temperature=0.2"
+        "/home/runs/x/llm-seed7-gp.population=12-supervisor.edits=2-supervisor.policy.temperature=0.2"
     )
 
 

@@ -79,7 +79,6 @@ ONE_LINE = [
     (["resume=perhaps"], "resume='perhaps': input should be 'auto', 'never' or 'force'"),
     (["search=paper", "gp.tournament_size=50"],
      "gp.tournament_size: expected at most gp.population = 30, found 50"),
-    (["supervisor.lag=41"], "supervisor.lag: expected at most gp.generations - 1 = 40, found 41"),
     (["world.start=[500,400]"],
      "world.start: expected points at least 2 m inside the 300 m island, found (500, 400)"),
     (["world.side=1e6"],

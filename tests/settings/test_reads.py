@@ -54,7 +54,6 @@ OTHER: dict[str, Any] = {
     "library.trees.pickup": ["single_humanoid"],
     "supervisor.adapt_mutation": None,
     "supervisor.inject": None,
-    "supervisor.lag": 2,
     "supervisor.policy.rates.early_exploration": [0.01, 0.02],
     "supervisor.policy.rare": 1.0,
     "supervisor.policy.collapse": 0.99,
@@ -68,10 +67,10 @@ VARIATION = {
     *("gp.trees.leaf", "gp.mutation.number_sd", "gp.mutation.operators.swap"),
     *("gp.crisis.emergency_rate", "allocation.elites", "curriculum.generations_per_epoch"),
 }
-RACING = {"gp.trees.leaf", "allocation.reevaluated", "allocation.random", "supervisor.lag"}
+RACING = {"gp.trees.leaf", "allocation.reevaluated", "allocation.random"}
 SEEN = {
     ("paper", "baseline"): VARIATION,
-    ("paper", "expert"): VARIATION | {"supervisor.inject", "supervisor.lag"},
+    ("paper", "expert"): VARIATION | {"supervisor.inject"},
     ("racing", "expert"): RACING | {"allocation.injected", "supervisor.inject"},
     ("racing", "editor"): RACING,
     ("random", "expert"): {"gp.trees.leaf"},

@@ -99,11 +99,10 @@ def test_a_right_answer_stays_as_it_is(answer: Guidance) -> None:
     assert type(guidance.mutation_rate) in (float, type(None))
 
 
-@pytest.mark.parametrize("lag", [0, 2])
-def test_a_wrong_answer_ends_a_run(lag: int) -> None:
-    """With a lag, None is no answer that is not due yet."""
+def test_a_wrong_answer_ends_a_run() -> None:
+    """None is no guidance."""
     with pytest.raises(SupervisionError, match="a Guidance, found None"):
-        run(plan(f"supervisor.lag={lag}"), Answers(None))
+        run(plan(), Answers(None))
 
 
 def test_a_tree_of_another_domain_ends_a_run() -> None:

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import time
 from contextlib import closing
-from threading import Event
 from typing import Any
 
 import numpy as np
@@ -19,22 +17,15 @@ from tests.evolution.runs import Constant, plan, run
 
 
 class Serves(Constant):
-    """A supervisor that counts its questions, and can be made to hang."""
+    """A supervisor that counts its questions."""
 
     def __init__(self) -> None:
         super().__init__()
         self.closed = 0
-        self.hangs: Event | None = None
 
     def start(self) -> str:
         """See `SupervisorLifecycle`."""
         return "ready"
-
-    def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
-        """See `Supervisor`."""
-        if self.hangs is not None:
-            self.hangs.wait()
-        return super().advise(state, rng)
 
     def spent(self) -> dict[str, float]:
         """See `SupervisorLifecycle`."""
@@ -81,32 +72,16 @@ def test_a_run_closes_its_service_once() -> None:
     assert (finished.closed, interrupted.closed) == (1, 1)
 
 
-@pytest.mark.parametrize("lag", [0, 1, 3])
-def test_no_question_without_a_generation_for_its_answer(lag: int) -> None:
+def test_no_question_without_a_generation_for_its_answer() -> None:
     """An answer that would take effect after the last generation is not asked for."""
     supervisor = Constant()
-    steps = run(plan(f"supervisor.lag={lag}"), supervisor)
+    steps = run(plan(), supervisor)
     asked_at = [step.record.guidance.asked_at for step in steps if step.record.guidance is not None]
-    assert [s.now.generation for s in supervisor.states] == list(range(8 - 1 - lag))
-    assert [g for g in asked_at if g is not None] == list(range(8 - 1 - lag))
+    assert [s.now.generation for s in supervisor.states] == asked_at == list(range(7))
 
 
-def test_a_hanging_supervisor_does_not_keep_a_run_from_ending() -> None:
-    """What is under way when a lagged run is left is forgotten at once."""
-    supervisor = Serves()
-    supervisor.hangs = Event()
-    began = time.monotonic()
-    with closing(evolve(plan("supervisor.lag=2"), 1, supervisor, Fake())) as steps:
-        next(steps)
-        next(steps)
-    assert time.monotonic() - began < 30
-    assert supervisor.states == []
-    supervisor.hangs.set()
-
-
-@pytest.mark.parametrize("lag", [0, 2])
-def test_an_error_of_a_supervisor_reaches_the_run(lag: int) -> None:
-    """Any exception, from any thread, ends the run and names the class."""
+def test_an_error_of_a_supervisor_reaches_the_run() -> None:
+    """Any exception ends the run and names the class."""
 
     class Fails(Constant):
         def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
@@ -115,5 +90,5 @@ def test_an_error_of_a_supervisor_reaches_the_run(lag: int) -> None:
             return super().advise(state, rng)
 
     with pytest.raises(PartError, match=r"Fails failed .LookupError: no such answer") as excinfo:
-        run(plan(f"supervisor.lag={lag}"), Fails())
+        run(plan(), Fails())
     assert isinstance(excinfo.value.__cause__, LookupError)

@@ -204,8 +204,8 @@ class SupervisedRuns:
 
     @property
     def times(self) -> int:
-        """Generations with questions; answers after the last generation have no use."""
-        return max(0, self.context.generations - 1 - self.context.lag)
+        """Generations with questions; an answer after the last generation has no use."""
+        return self.context.generations - 1
 
 
 def costs(runs: Sequence[SupervisedRuns]) -> str:

@@ -12,11 +12,12 @@ import os
 import re
 import time
 from collections.abc import Callable
+from concurrent.futures import Future
 from contextlib import suppress
 from importlib import import_module
 from importlib.util import find_spec
 from pathlib import Path
-from threading import Lock
+from threading import Lock, Thread
 from typing import TYPE_CHECKING, Any, Final
 from urllib.parse import urlsplit
 
@@ -36,7 +37,6 @@ from islandgp.supervision.llm.message import (
     refused,
 )
 from islandgp.supervision.llm.settings import LLMSettings
-from islandgp.threads import in_thread
 
 if TYPE_CHECKING:
     import httpx2
@@ -53,9 +53,18 @@ SHORTEST: Final = 8  # characters of a secret; a shorter key belongs to a local 
 
 
 def within(seconds: float, attempt: Callable[[], Reply | Failure]) -> Reply | Failure:
-    """The result of an attempt, which goes on in its thread if it is too late."""
+    """The result of an attempt, which goes on in a daemon thread if it is too late."""
+    answer: Future[Reply | Failure] = Future()
+
+    def run() -> None:
+        try:
+            answer.set_result(attempt())
+        except BaseException as error:  # raised again by `result`
+            answer.set_exception(error)
+
+    Thread(target=run, name="supervisor", daemon=True).start()
     try:
-        return in_thread(attempt).result(seconds + GRACE)
+        return answer.result(seconds + GRACE)
     except TimeoutError:
         return Failure(FailureKind.TIMEOUT, f"no complete answer within {seconds:g} s; {MORE}")
 

@@ -171,7 +171,7 @@ class Questions:
             return lambda reply: check_proposal(reply, *bounds, state.targets)
         living: dict[str, str] = {}
         for now in self.history[-1:]:
-            living = nameable([now.individuals], now.archive)
+            living = nameable(now.individuals, now.archive)
         existing = frozenset((*living.values(), *map(to_text, self._library.trees.values())))
         return lambda reply: check_edits(reply, *bounds, living, existing)
 

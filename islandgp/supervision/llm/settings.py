@@ -123,7 +123,7 @@ ClientFactory = Annotated[str, Field(pattern=r"^[A-Za-z_][\w.]*:[A-Za-z_]\w*$")]
 
 
 class Fallback(ComponentConfig, frozen=True, extra="ignore"):
-    """The supervisor to use without a usable answer; its switches and lag are ignored."""
+    """The supervisor to use without a usable answer; its switches are ignored."""
 
     needs = SUPERVISES
 
