@@ -94,7 +94,7 @@ class Tree:
         return tuple(key for key in self.keys() if key not in own)
 
     def bind(
-        self, leaves: object, keys: object = None, *, step_s: float | None = None
+        self, leaves: object, keys: object = None, *, step_s: float | None = None, seed: int = 0
     ) -> RobotTree:
         """Binds a function to each action and a value to each blackboard key.
 
@@ -109,15 +109,19 @@ class Tree:
                 A mapping or an object; read once per tick. None: the entries are in `leaves`.
             step_s: seconds between two ticks, > 0; required if the tree has a wait, a timeout or
                 a cooldown.
+            seed: of the orders that a random_selector draws, >= 0: equal seeds draw equal orders.
+                After a stop they are drawn from the first one again.
 
         Returns:
             The tree, ready to be ticked.
 
         Raises:
-            DomainError: an action, a key or `step_s` is missing, or `step_s` is not above 0; an
-                entry is not a function or takes other arguments; or a mapping has a name that is
-                not in the vocabulary.
+            DomainError: an action, a key or `step_s` is missing, `step_s` is not above 0, or `seed`
+                is no whole number of at least 0; an entry is not a function or takes other
+                arguments; or a mapping has a name that is not in the vocabulary.
         """
+        if not isinstance(seed, int) or seed < 0:
+            raise DomainError(f"Expected a whole number >= 0 as seed, found {short_repr(seed)}.")
         if step_s is not None and not (is_number(step_s) and step_s > 0):
             raise DomainError(f"Expected seconds above 0 as step_s, found {short_repr(step_s)}.")
         sources = {"action": leaves, "key": leaves if keys is None else keys}
@@ -128,7 +132,7 @@ class Tree:
                 f" found:{lines}"
             )
         functions: dict[str, Leaf] = {name: _entry(leaves, name) for name in self.actions()}
-        return RobotTree(self, functions, sources["key"], step_s)
+        return RobotTree(self, functions, sources["key"], step_s, seed)
 
     def _faults(self, sources: Mapping[str, object]) -> Iterator[str]:
         """A line for each action or key that is missing, cannot be called, or is unknown."""
@@ -155,10 +159,10 @@ class RobotTree:
     """A bound tree, made by `Tree.bind`; it is stopped at the end of a `with` block."""
 
     def __init__(
-        self, tree: Tree, leaves: Mapping[str, Leaf], keys: object, step_s: float | None
+        self, tree: Tree, leaves: Mapping[str, Leaf], keys: object, step_s: float | None, seed: int
     ) -> None:
         self.tree = tree
-        self._step_s = step_s
+        self._step_s, self._seed = step_s, seed
         self.statuses: list[NodeStatus | None] = [None] * size(tree.node)
         """Status of each node in the last tick, in document order; None: it was not ticked."""
         self._leaves, self._keys = leaves, keys
@@ -242,9 +246,14 @@ class RobotTree:
             self._runners.append(LeafRunner(args, leaf, vocabulary, self._board, self._places))
             return self._runners[-1]
 
-        node, board = self.tree.node, self._board
         self._tick = compile_tree(
-            node, runner_of, board, self._places, watch=self._watch, step_s=self._step_s
+            self.tree.node,
+            runner_of,
+            self._board,
+            self._places,
+            watch=self._watch,
+            step_s=self._step_s,
+            seed=self._seed,
         )
 
     def _watch(self, place: int, status: int) -> None:

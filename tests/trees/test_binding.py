@@ -353,3 +353,21 @@ def test_seconds_of_a_program() -> None:
     bound = tree.bind({"Go": lambda: True}, step_s=0.1)
     ends = [bound.tick() for _ in range(3)]
     assert ends == [NodeStatus.RUNNING, NodeStatus.RUNNING, NodeStatus.SUCCESS]
+
+
+def test_orders_are_those_of_the_seed() -> None:
+    """Equal seeds try the children of a random_selector in equal orders; 0 is the default."""
+    tree = Tree(parse("random_selector { A B C D }"), None, "t.bt")
+
+    def orders(**seed: Any) -> str:
+        tried: list[str] = []
+        leaves = {name: partial(tried.append, name) for name in "ABCD"}
+        bound = tree.bind({n: lambda f=leaf: bool(f()) for n, leaf in leaves.items()}, **seed)
+        for _ in range(5):
+            bound.tick()
+        return "".join(tried)
+
+    assert orders() == orders(seed=0) != orders(seed=1) == orders(seed=1)
+    for wrong in (-1, 1.5, "1"):
+        with pytest.raises(DomainError, match="Expected a whole number >= 0 as seed, found"):
+            orders(seed=wrong)

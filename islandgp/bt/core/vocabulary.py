@@ -398,7 +398,9 @@ class Vocabulary:
     def value(self, name: str, number: float) -> float | str | bool:
         """The value of a key as an argument of an action: a number, a word, True or False."""
         key = self.keys[name]
-        return bool(number) if key.flag else key.words[int(number)] if key.words else number
+        if key.words:
+            return key.words[int(number)]
+        return bool(number) if key.flag else int(number) if key.whole else number
 
     def has_number(self, term: Condition) -> bool:
         """True if a condition compares a key with a number: neither a word nor another key."""
