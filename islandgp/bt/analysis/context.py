@@ -17,6 +17,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from functools import lru_cache
+from itertools import count
 from typing import Final, NamedTuple
 
 from islandgp.bt.analysis.satisfiability import Conditions, excludes, implies, keys_of
@@ -65,6 +66,32 @@ def root_context(tree: Node, vocabulary: Vocabulary) -> NodeContext:
     context = NodeContext((), (), None, vocabulary, written)
     always = context.facts(*vocabulary.always)
     return context._replace(always=always, at_start=always)
+
+
+class Spot(NamedTuple):
+    """A node of a tree with its context."""
+
+    place: int  # in document order
+    node: Node
+    context: NodeContext
+    above: tuple[tuple[Spot, int], ...]
+    """Its ancestors from the root on, each with the index of the child that leads to it."""
+
+
+def spots(tree: Node, vocabulary: Vocabulary) -> Iterator[Spot]:
+    """The nodes of a tree in document order, each with its context."""
+    places = count()
+
+    def visit(
+        node: Node, context: NodeContext, above: tuple[tuple[Spot, int], ...]
+    ) -> Iterator[Spot]:
+        spot = Spot(next(places), node, context, above)
+        yield spot
+        contexts = child_contexts(node, context)
+        for index, (child, here) in enumerate(zip(node.children, contexts, strict=True)):
+            yield from visit(child, here, (*above, (spot, index)))
+
+    return visit(tree, root_context(tree, vocabulary), ())
 
 
 @lru_cache(maxsize=MAX_FACTS)

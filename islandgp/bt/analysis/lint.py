@@ -10,16 +10,16 @@ from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Final, NamedTuple, TypeAlias
+from typing import Final
 
 from islandgp.bt.analysis.conflicts import conflicts
 from islandgp.bt.analysis.context import (
     NodeContext,
+    Spot,
     abort_effects,
-    child_contexts,
     contradictions,
     never,
-    root_context,
+    spots,
 )
 from islandgp.bt.analysis.satisfiability import Conditions, excludes, implies, keys_of
 from islandgp.bt.analysis.simplify import (
@@ -32,14 +32,10 @@ from islandgp.bt.analysis.simplify import (
 from islandgp.bt.core.condition import Condition
 from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.language import SourceSpan, parse_placed
-from islandgp.bt.core.node import FAILURE, Node, ParallelArgs, Place, size, walk
+from islandgp.bt.core.node import FAILURE, GuardArgs, Node, ParallelArgs, Place, size, walk
 from islandgp.bt.core.printer import condition_text, head
 from islandgp.bt.core.source import Source, plain
 from islandgp.bt.core.vocabulary import Vocabulary
-
-Above: TypeAlias = tuple[tuple[Node, int], ...]
-"""The ancestors of a node, each with the index of the child that leads to the node."""
-
 
 CODES: Final = {
     "unreachable": "a branch that can never run",
@@ -83,14 +79,6 @@ class LintWarning:
         return str(file.error(f"warning: {self.message}", self.line, self.column))
 
 
-class _Context(NamedTuple):
-    """A node of the expanded tree with its context."""
-
-    node: Node
-    context: NodeContext
-    above: Above
-
-
 def warnings(
     text: str,
     vocabulary: Vocabulary,
@@ -115,17 +103,15 @@ def warnings(
     """
     tree, source, unused = parse_placed(text, vocabulary, name=name, folder=folder)
     never_run: set[int] = set()  # places below a node that never runs: one warning is enough
-    places = list(_places(tree, root_context(tree, vocabulary), ()))
+    nodes = list(spots(tree, vocabulary))
     doubts: dict[tuple[Place, str], dict[int, str]] = {}  # by origin and code: message by place
-    for index, place in enumerate(places):
-        if index in never_run:
-            continue
-        for at, code, message in _about(place, index):
+    for spot in nodes:
+        for at, code, message in () if spot.place in never_run else _about(spot):
             doubts.setdefault((source[at].origin, code), {})[at] = message
             if code == "unreachable":
-                never_run.update(range(at, at + size(places[at].node)))
+                never_run.update(range(at, at + size(nodes[at].node)))
     for first, second, resource, *_ in conflicts(tree, vocabulary):
-        names = [head(places[at].node) for at in (first, second)]
+        names = [head(nodes[at].node) for at in (first, second)]
         message = (
             f"{names[1]} can run in the same tick as {names[0]} in line {source[first].line}, but"
             f" both use {resource}"
@@ -158,16 +144,9 @@ def _uses_of(places: Sequence[SourceSpan]) -> str:
     return f"; in the use{'s' * (len(uses) != 1)} at {', '.join(uses)}"
 
 
-def _places(node: Node, context: NodeContext, above: Above) -> Iterator[_Context]:
-    yield _Context(node, context, above)
-    contexts = child_contexts(node, context)
-    for index, (child, here) in enumerate(zip(node.children, contexts, strict=True)):
-        yield from _places(child, here, (*above, (node, index)))
-
-
-def _about(place: _Context, at: int) -> Iterator[tuple[int, str, str]]:
+def _about(spot: Spot) -> Iterator[tuple[int, str, str]]:
     """Warnings about one node: (place, one of CODES, message)."""
-    node, context, _ = place
+    at, node, context, _ = spot
     kind = kind_of(node)
     if kind.advance_status is not None:
         if rewrite := never_gets_there(node, context):
@@ -181,32 +160,30 @@ def _about(place: _Context, at: int) -> Iterator[tuple[int, str, str]]:
                 message = f"{head(node)} has {len(node.children)} children, so it needs all of them"
                 yield at, "parallel-count", message
     elif node.guard:
-        yield from _guard(place, at)
+        yield from _guard(at, node.guard, node, context)
     elif node.action:
         for needed, holding in contradictions(node, context):
-            if not _undone(needed, place):
+            if not _undone(needed, spot):
                 reason = _reasons(holding, partial(excludes, expr=needed), context.vocabulary)
                 needs = f"it needs {condition_text(needed)}, but {reason}"
                 yield at, "never-succeeds", f"{node.action} can never succeed here: {needs}"
                 return
 
 
-def _guard(place: _Context, at: int) -> Iterator[tuple[int, str, str]]:
-    node, context, _ = place
-    guard = node.guard
-    assert guard is not None
+def _guard(
+    at: int, guard: GuardArgs, node: Node, context: NodeContext
+) -> Iterator[tuple[int, str, str]]:
     expr = guard.condition
+    text = condition_text(expr)
     if never(guard, context):
         reason = _reasons(context.at_start, partial(excludes, expr=expr), context.vocabulary)
         why = f", as {reason}" if reason else " on any blackboard"
-        message = f"this branch can never run: {condition_text(expr)} can't hold{why}"
-        yield at + 1, "unreachable", message
+        yield at + 1, "unreachable", f"this branch can never run: {text} can't hold{why}"
         return
     if holds_anyway(node, context):
         reason = _reasons(context.at_start, partial(implies, expr=expr), context.vocabulary)
         why = f", as {reason}" if reason else ""
-        message = f"this guard is redundant: {condition_text(expr)} always holds{why}"
-        yield at, "needless-guard", message
+        yield at, "needless-guard", f"this guard is redundant: {text} always holds{why}"
         return
     for rule, code in ((whole_numbers, "whole-number"), (shorter_condition, "long-condition")):
         if rewrite := rule(node, context):
@@ -222,17 +199,17 @@ _INERT: Final = {
 }
 
 
-def _undone(needed: Condition, place: _Context) -> bool:
+def _undone(needed: Condition, spot: Spot) -> bool:
     """True if an action earlier in the tick may change what an action needs.
 
     The blackboard has the values at the start of the tick. After a success a selector does not
     continue, so that the success of an earlier action below guards alone changes nothing.
     """
-    actions = place.context.vocabulary.action
-    sign = actions(place.node.action).changes.get(needed.key, 0)
-    for node, index in place.above if sign else ():
-        chooses = kind_of(node).advance_status == FAILURE
-        for child in node.children[:index]:
+    actions = spot.context.vocabulary.action
+    sign = actions(spot.node.action).changes.get(needed.key, 0)
+    for above, index in spot.above if sign else ():
+        chooses = kind_of(above.node).advance_status == FAILURE
+        for child in above.node.children[:index]:
             ends_it = chooses and all(each.guard or each.action for each in walk(child))
             changes = (actions(each.action).changes.get(needed.key, 0) for each in walk(child))
             if not ends_it and any(change * sign < 0 for change in changes):

@@ -6,20 +6,24 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
-from itertools import count
+from collections.abc import Collection, Iterator
+from itertools import count, islice
 from math import floor, log10
 from typing import Final, NamedTuple
 
-from islandgp.bt.analysis.context import (
-    NodeContext,
-    child_contexts,
-    contradictions,
-    root_context,
-)
-from islandgp.bt.core.condition import Condition, ConditionExpr, combine, terms, with_term
+from islandgp.bt.analysis.context import contradictions, spots
+from islandgp.bt.core.condition import Condition, combine, terms, with_term
 from islandgp.bt.core.kinds import kind_of
-from islandgp.bt.core.node import GuardArgs, Node, guard_of, replace_at, size, walk
+from islandgp.bt.core.node import (
+    GuardArgs,
+    Node,
+    guard_of,
+    replace_at,
+    size,
+    spliced,
+    walk,
+    with_above,
+)
 from islandgp.bt.core.printer import condition_text, head
 from islandgp.bt.core.vocabulary import Vocabulary
 
@@ -52,38 +56,20 @@ def shorter_forms(tree: Node) -> list[ShorterForm]:
         Distinct trees, none of them equal to `tree`; empty for a single action.
     """
     forms: dict[Node, ShorterForm] = {}
-    for place, (node, above) in enumerate(_with_heads(tree)):
+    for place, (node, above) in enumerate(with_above(tree)):
+        path = tuple(map(head, (*above, node)))
         for new, change, saved in _changes(node):
-            form = ShorterForm(
-                replace_at(tree, place, new), change, size(node) - size(new), saved, above
-            )
-            if form.tree != tree:
-                forms.setdefault(form.tree, form)
+            shorter = replace_at(tree, place, new)
+            if shorter != tree and shorter not in forms:
+                nodes = size(node) - size(new)
+                forms[shorter] = ShorterForm(shorter, change, nodes, saved, path)
     return sorted(forms.values(), key=lambda form: (-form.nodes, -form.terms))
-
-
-def _with_heads(node: Node, above: tuple[str, ...] = ()) -> Iterator[tuple[Node, tuple[str, ...]]]:
-    """The nodes in document order, each with the heads of those above it and its own."""
-    path = (*above, head(node))
-    yield node, path
-    for child in node.children:
-        yield from _with_heads(child, path)
 
 
 def removable(tree: Node) -> list[int]:
     """The places, in document order from 0, of the nodes that their parents can do without."""
-    places: list[int] = []
-    numbers = count()
-
-    def visit(node: Node, among_others: bool) -> None:
-        here = next(numbers)
-        if among_others:
-            places.append(here)
-        for child in node.children:
-            visit(child, _is_composite(node) and len(node.children) > 1)
-
-    visit(tree, False)
-    return places
+    parents = [above[-1:] for _, above in with_above(tree)]
+    return [place for place, above in enumerate(parents) if any(map(_has_several, above))]
 
 
 def without(tree: Node, places: Collection[int]) -> Node | None:
@@ -104,26 +90,22 @@ def without(tree: Node, places: Collection[int]) -> Node | None:
         children = tuple(child for child in visited if child is not None)
         if gone or (node.children and not children):
             return None
-        return (
-            _unwrapped(node, children)
-            if len(children) < len(node.children)
-            else node._replace(children=children)
-        )
+        kept = node._replace(children=children)
+        return _unwrapped(kept) if len(children) < len(node.children) else kept
 
     return visit(tree, False)
 
 
-def _is_composite(node: Node) -> bool:
-    """True for kinds with any number of children."""
-    return kind_of(node).children[0] == 1 < kind_of(node).children[1]
+def _has_several(node: Node) -> bool:
+    """True for a node with several children of a kind with any number of children."""
+    return kind_of(node).children[0] == 1 < len(node.children)
 
 
 def _changes(node: Node) -> Iterator[tuple[Node, str, int]]:
     """Shorter nodes in the place of a node, with the change and the number of terms saved."""
-    if _is_composite(node) and len(node.children) > 1:
+    if _has_several(node):
         for index, child in enumerate(node.children):
-            rest = (*node.children[:index], *node.children[index + 1 :])
-            yield _unwrapped(node, rest), f"without {_named(child)}", 0
+            yield _unwrapped(spliced(node, index, 1)), f"without {_named(child)}", 0
         yield from _joined(node)
         yield from _once(node)
     for child in node.children:
@@ -134,9 +116,9 @@ def _changes(node: Node) -> Iterator[tuple[Node, str, int]]:
         yield from _plainer_guards(node, node.guard)
 
 
-def _unwrapped(node: Node, children: Sequence[Node]) -> Node:
-    """The composite with these children; with a single one, this child."""
-    return children[0] if len(children) == 1 else node._replace(children=tuple(children))
+def _unwrapped(node: Node) -> Node:
+    """The composite; with a single child, this child."""
+    return node.children[0] if len(node.children) == 1 else node
 
 
 def _joined(node: Node) -> Iterator[tuple[Node, str, int]]:
@@ -146,9 +128,8 @@ def _joined(node: Node) -> Iterator[tuple[Node, str, int]]:
         if a is None or b is None or left.children != right.children or a.abort != b.abort:
             continue
         guard = GuardArgs(combine("or", (a.condition, b.condition)), a.abort)
-        both = Node(left.kind, guard, left.children)
-        children = (*node.children[:index], both, *node.children[index + 2 :])
-        yield _unwrapped(node, children), f"with {_quoted(left)} and {_quoted(right)} joined", 0
+        both = _unwrapped(spliced(node, index, 2, left._replace(args=guard)))
+        yield both, f"with {_quoted(left)} and {_quoted(right)} joined", 0
 
 
 def _once(node: Node) -> Iterator[tuple[Node, str, int]]:
@@ -158,18 +139,16 @@ def _once(node: Node) -> Iterator[tuple[Node, str, int]]:
         for start in range(len(children) - 2 * length + 1):
             middle, end = start + length, start + 2 * length
             if children[start:middle] == children[middle:end]:
-                rest = (*children[:middle], *children[end:])
-                yield node._replace(children=rest), f"without a repetition in {_quoted(node)}", 0
+                shorter = spliced(node, middle, length)
+                yield shorter, f"without a repetition in {_quoted(node)}", 0
 
 
 def _plainer_guards(node: Node, guard: GuardArgs) -> Iterator[tuple[Node, str, int]]:
     """A guard without one of its terms, or without its abort rule."""
     parts = list(terms(guard.condition))
     for index, part in enumerate(parts if len(parts) > 1 else ()):
-        shorter = with_term(guard.condition, index, None)
-        assert shorter is not None  # a term is left
         change = f"without `{condition_text(part)}` of {_quoted(node)}"
-        yield node._replace(args=guard._replace(condition=shorter)), change, 2
+        yield _with_term(node, index, None), change, 2
     if guard.abort != GuardArgs(guard.condition).abort:
         change = f"without `abort {guard.abort}` of `when {condition_text(guard.condition)}`"
         yield node._replace(args=GuardArgs(guard.condition)), change, 1
@@ -185,25 +164,19 @@ def freed_forms(tree: Node, vocabulary: Vocabulary) -> list[ShorterForm]:
     Returns:
         A tree for each guard with such an action below it; the innermost guards come first.
     """
-    stopping: list[int] = []  # places of guards
-    place = count()
-
-    def visit(node: Node, context: NodeContext, guards: tuple[int, ...]) -> None:
-        here = next(place)
-        if node.guard is not None and node.guard.checks_itself:
-            guards = (here, *guards)
-        if node.action and any(contradictions(node, context)):
-            stopping.extend(guards)
-        for child, below in zip(node.children, child_contexts(node, context), strict=True):
-            visit(child, below, guards)
-
-    visit(tree, root_context(tree, vocabulary), ())
-    nodes, forms = list(walk(tree)), []
-    for at in dict.fromkeys(stopping):
-        guard = guard_of(nodes[at])
+    guards = {
+        above.place: above.node
+        for _, node, context, path in spots(tree, vocabulary)
+        if node.action and any(contradictions(node, context))
+        for above, _ in reversed(path)
+        if above.node.guard is not None and above.node.guard.checks_itself
+    }
+    forms = []
+    for place, node in guards.items():
+        guard = guard_of(node)
         freed = guard._replace(abort="lower" if guard.interrupts else "none")
-        new = replace_at(tree, at, nodes[at]._replace(args=freed))
-        forms.append(ShorterForm(new, f"with `abort {freed.abort}` of {_quoted(nodes[at])}", 0))
+        new = replace_at(tree, place, node._replace(args=freed))
+        forms.append(ShorterForm(new, f"with `abort {freed.abort}` of {_quoted(node)}", 0))
     return forms
 
 
@@ -216,22 +189,20 @@ def rounded_forms(tree: Node) -> list[ShorterForm]:
     Returns:
         Distinct trees, none of them equal to `tree`; empty if all numbers are as short already.
     """
-    places = [
-        (place, index)
-        for place, node in enumerate(walk(tree))
-        if node.guard is not None
-        for index, term in enumerate(terms(node.guard.condition))
-        if term.number != rounded(term.number, DIGITS)
-    ]
     everything = tree
     single: list[ShorterForm] = []
-    for place, index in places:
-        changed, words = _with_rounded(tree, place, index)
-        single.append(ShorterForm(changed, words, 0))
-        everything, _ = _with_rounded(everything, place, index)
-    change = f"with {len(places)} numbers rounded to {DIGITS} digits"
-    together = [ShorterForm(everything, change, 0)]
-    return [*(together if len(places) > 1 else []), *single]
+    for place, node in enumerate(walk(tree)):
+        for index, before in enumerate(terms(node.guard.condition) if node.guard else ()):
+            after = before._replace(number=rounded(before.number, DIGITS))
+            if after == before:
+                continue
+            new = replace_at(tree, place, _with_term(node, index, after))
+            change = f"with `{condition_text(after)}` for `{condition_text(before)}`"
+            single.append(ShorterForm(new, change, 0))
+            changed = next(islice(walk(everything), place, None))
+            everything = replace_at(everything, place, _with_term(changed, index, after))
+    change = f"with {len(single)} numbers rounded to {DIGITS} digits"
+    return [*[ShorterForm(everything, change, 0)] * (len(single) > 1), *single]
 
 
 def rounded(number: float, digits: int) -> float:
@@ -241,24 +212,12 @@ def rounded(number: float, digits: int) -> float:
     return round(number, digits - 1 - floor(log10(abs(number))))
 
 
-def _with_rounded(tree: Node, place: int, index: int) -> tuple[Node, str]:
-    """The tree with one threshold rounded, and the change in words."""
-    node = list(walk(tree))[place]
-    assert node.guard is not None
-    before = list(terms(node.guard.condition))[index]
-    after = before._replace(number=rounded(before.number, DIGITS))
-    condition = _replaced(node.guard.condition, index, after)
-    new = node._replace(args=node.guard._replace(condition=condition))
-    return (
-        replace_at(tree, place, new),
-        f"with `{condition_text(after)}` for `{condition_text(before)}`",
-    )
-
-
-def _replaced(condition: ConditionExpr, index: int, term: Condition) -> ConditionExpr:
-    changed = with_term(condition, index, term)
-    assert changed is not None
-    return changed
+def _with_term(node: Node, index: int, term: Condition | None) -> Node:
+    """The guard with a term of its condition replaced, or removed if another one is left."""
+    guard = guard_of(node)
+    condition = with_term(guard.condition, index, term)
+    assert condition is not None
+    return node._replace(args=guard._replace(condition=condition))
 
 
 def removal(tree: Node, places: Collection[int]) -> str:

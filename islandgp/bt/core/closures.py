@@ -1,14 +1,14 @@
 """The tick function of each kind of node: a closure that holds the node's memory.
 
-The entry of a kind in `kinds` names one of these functions, or one of `nav2_closures`, and a
-`Compiler` calls it to compile a node of the kind. docs/semantics.md specifies the nodes.
+The entry of a kind in `kinds` names one of these functions, or one of `steered`, and a `Compiler`
+calls it to compile a node of the kind. docs/semantics.md specifies the nodes.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
-from islandgp.bt.core.compiler import Compiler, Maker, Observed, Tick
+from islandgp.bt.core.engine import Compiler, Maker, Observed, Tick
 from islandgp.bt.core.node import (
     AGAIN,
     FAILURE,
@@ -146,40 +146,6 @@ def reactive(advance_status: int) -> Maker:
     return make
 
 
-def random_selector(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
-    """Tries its children in an order that it draws when it starts."""
-    order = compiler.order(len(node.children))
-    branches, _positions = compiler.children(node)
-    waiting: list[int] = []  # the indices of the running child and those after it
-
-    def tick(fresh: bool) -> int:
-        if fresh:
-            waiting[:] = order()
-        while (status := branches[waiting[0]](fresh)) == FAILURE and len(waiting) > 1:
-            del waiting[0]
-            fresh = True
-        return status
-
-    return tick
-
-
-def if_else(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
-    """Runs its first child, then the second or the third."""
-    branches, _positions = compiler.children(node)
-    current = 0
-
-    def tick(fresh: bool) -> int:
-        nonlocal current
-        current = 0 if fresh else current
-        status = branches[current](fresh)
-        if current or status >= RUNNING:
-            return status
-        current = 1 if status == SUCCESS else 2
-        return branches[current](True) if current < len(branches) else FAILURE
-
-    return tick
-
-
 def parallel(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
     """Ticks all children; succeeds after enough successes, fails after enough failures."""
     assert isinstance(node.args, ParallelArgs)
@@ -208,6 +174,40 @@ def parallel(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
             if status >= RUNNING:
                 stop(positions[at], positions[at + 1])
         return SUCCESS if failed < failure and succeeded >= success else FAILURE
+
+    return tick
+
+
+def pipeline(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
+    """A sequence that begins with its first child in each tick, as that of Nav2.
+
+    The next child starts after a success. It is also ticked while the child before it is running,
+    if it or a later one has run since the pipeline started.
+    """
+    branches, positions = compiler.children(node)
+    stop = compiler.stop_midtick
+    running = [False] * len(branches)
+    furthest = 0
+
+    def tick(fresh: bool) -> int:
+        nonlocal furthest
+        if fresh:
+            running[:] = [False] * len(branches)
+            furthest = 0
+        status = SUCCESS
+        for at, branch in enumerate(branches):
+            status = branch(not running[at])
+            running[at] = status >= RUNNING
+            if status == FAILURE:
+                break
+            if running[at] and at >= furthest:
+                furthest = at
+                # The children before it that ended start again in the next tick.
+                return AGAIN if at else status
+        for at, still_running in enumerate(running):
+            if still_running:
+                stop(positions[at], positions[at + 1])
+        return status
 
     return tick
 
@@ -297,6 +297,30 @@ def cooldown(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
         if status < RUNNING:
             ready = compiler.now + ticks()
         return status
+
+    return tick
+
+
+def every(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
+    """Starts its child again some ticks after its success."""
+    (child, _), ticks = compiler.child(node, observed), compiler.ticks(node)
+    due = 0  # the first tick in which the child may start
+    before = FAILURE  # its status in the tick before; RUNNING at a start: it was aborted
+    started = False  # True: the child is running
+
+    def tick(fresh: bool) -> int:
+        nonlocal due, before, started
+        if fresh:
+            started = False
+            due = due if before == SUCCESS else 0
+        if not started and compiler.now < due:
+            before = RUNNING
+            return AGAIN
+        before = child(not started)
+        started = before >= RUNNING
+        if before == SUCCESS:
+            due = compiler.now + ticks()
+        return before
 
     return tick
 

@@ -8,15 +8,194 @@ within a tick; what is ticked after it sees the new value.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import SupportsFloat
+from collections.abc import Callable, Mapping, MutableSequence
+from dataclasses import dataclass, field
+from math import inf
+from typing import Any, Final, NamedTuple, SupportsFloat, TypeAlias, cast
 
-from islandgp.bt.core.compiler import ABORTED, Actions, Compiler, Tick, Watch
-from islandgp.bt.core.condition import Board, condition
-from islandgp.bt.core.kinds import KINDS, needs_each_tick
-from islandgp.bt.core.node import AGAIN, RUNNING, Node
+from islandgp.bt.core.condition import Board, Condition, ConditionExpr, assigned_value, condition
+from islandgp.bt.core.node import (
+    AGAIN,
+    RUNNING,
+    SECONDS,
+    ActionArgs,
+    CountArgs,
+    Node,
+    SecondsArgs,
+    ticks_of,
+)
+from islandgp.errors import DomainError
 
-__all__ = ["ABORTED", "Board", "Tick", "Watch", "compile_tree", "condition"]
+ABORTED: Final = 4  # passed to a watch only: the node was running and has been stopped
+
+Tick: TypeAlias = Callable[[bool], int]  # (fresh) -> status
+Watch: TypeAlias = Callable[[int, int], None]  # (node's position in document order, status)
+Actions: TypeAlias = Mapping[str, Tick] | Callable[[ActionArgs], Tick]
+
+
+class ObservedGuard(NamedTuple):
+    """A `when` that a composite observes while a later branch runs."""
+
+    branch: int
+    slot: int  # of `Observed.truth`
+    holds: Callable[[], bool]
+
+
+class Observed:
+    """Observed guards of a composite."""
+
+    def __init__(self) -> None:
+        self.branch = 0  # index of the branch that is being compiled
+        self.guards: list[ObservedGuard] = []  # in document order
+        self.truth: list[bool | None] = []  # last known, by slot; None: not visited yet
+
+    def add(self, holds: Callable[[], bool]) -> int:
+        """Add a guard of the branch that is being compiled; return its index in `truth`."""
+        slot = len(self.guards)
+        self.guards.append(ObservedGuard(self.branch, slot, holds))
+        self.truth.append(None)
+        return slot
+
+
+@dataclass(slots=True)
+class Compiler:
+    """Compiles nodes; the makers of `closures` call it for their children.
+
+    Its first fields are the kinds of nodes, and the arguments of `compile_tree`.
+    """
+
+    _kinds: Mapping[str, Any]  # each has its maker as `tick`
+    _actions: Actions
+    _board: Board
+    _key_index: Mapping[str, int]
+    _watch: Watch | None
+    _step_s: SupportsFloat | None
+    _seed: int
+    _running: list[bool] = field(default_factory=list)  # by position; only for a watch
+    _stops: list[tuple[int, Callable[[], None]]] = field(default_factory=list)  # of leaves
+    now: int = 0  # number of the tick; counted only in a tree that `needs_each_tick`
+    changed_midtick: bool = False
+    """True: in this tick an action was RUNNING and then aborted, or a key was written."""
+
+    def compile(self, node: Node, observed: Observed | None) -> Tick:
+        """The closure of a node; `observed` as in `Maker`."""
+        position = len(self._running)
+        self._running.append(False)
+        tick = self._kinds[node.kind].tick(self, node, observed)
+        if (stop := getattr(tick, "stop", None)) is not None:
+            self._stops.append((position, stop))
+        return tick if self._watch is None else self._watched(tick, position, self._watch)
+
+    def child(self, node: Node, observed: Observed | None) -> tuple[Tick, tuple[int, int]]:
+        """The closure of the only child, and its position with that after its last node."""
+        first = len(self._running)
+        return self.compile(node.children[0], observed), (first, len(self._running))
+
+    def children(
+        self, node: Node, observed: Observed | None = None
+    ) -> tuple[list[Tick], list[int]]:
+        """The closures of children, and their positions with that after the last one.
+
+        `observed` collects their observed guards; None: their guards are not observed.
+        """
+        branches, positions = [], []
+        for branch, child in enumerate(node.children):
+            positions.append(len(self._running))
+            if observed is not None:
+                observed.branch = branch
+            # No branch comes after the last one, so its guards are not observed.
+            last = branch == len(node.children) - 1
+            branches.append(self.compile(child, None if last else observed))
+        return branches, [*positions, len(self._running)]
+
+    def action(self, args: ActionArgs) -> Tick:
+        """The function of an action."""
+        return self._actions(args) if callable(self._actions) else self._actions[args.name]
+
+    def holds(self, expr: ConditionExpr) -> Callable[[], bool]:
+        """The function that evaluates a condition."""
+        return condition(expr, self._board, self._key_index)
+
+    def writer(self, assigned: Condition) -> Callable[[], None]:
+        """The function that writes a key."""
+        board, at = cast("MutableSequence[float]", self._board), self._key_index[assigned.key]
+        value = assigned_value(assigned, self._board, self._key_index)
+
+        def write() -> None:
+            before, board[at] = board[at], value()
+            if board[at] != before:  # a guard that was evaluated before may be false now
+                self.changed_midtick = True
+
+        return write
+
+    def count(self, node: Node) -> Callable[[], float]:
+        """The function that gives the count of a node; it reads a key."""
+        times = node.args.times if isinstance(node.args, CountArgs) else inf
+        if not isinstance(times, str):
+            return lambda: times
+        board, at = self._board, self._key_index[times]
+        return lambda: board[at]
+
+    def ticks(self, node: Node) -> Callable[[], int]:
+        """The function that gives the seconds of a node as a number of ticks; it reads a key."""
+        assert isinstance(node.args, SecondsArgs)
+        if (step_s := self._step_s) is None:
+            raise DomainError(
+                f"Expected step_s, the seconds between two ticks, as the tree has a {node.kind};"
+                " found None."
+            )
+        seconds, (low, high) = node.args.seconds, SECONDS
+        if not isinstance(seconds, str):
+            ticks = ticks_of(seconds, step_s)
+            return lambda: ticks
+        board, at = self._board, self._key_index[seconds]
+        return lambda: ticks_of(max(low, min(high, board[at])), step_s)
+
+    def order(self, count: int) -> Callable[[], list[int]]:
+        """The function that draws an order of the children of the node that is compiled."""
+        from islandgp.seeding import Stream, stream  # needs NumPy
+
+        rng = stream(self._seed, Stream.ORDER, slot=len(self._running))
+        return lambda: rng.permutation(count).tolist()
+
+    def _watched(self, tick: Tick, position: int, watch: Watch) -> Tick:
+        running = self._running
+
+        def watched(fresh: bool) -> int:
+            status = tick(fresh)
+            running[position] = status >= RUNNING
+            watch(position, status)
+            return status
+
+        return watched
+
+    def stop_midtick(self, first: int, end: int) -> None:
+        """`stop` of a subtree that has been ticked in this tick."""
+        self.changed_midtick = True
+        self.stop(first, end)
+
+    def stop(self, first: int, end: int) -> None:
+        """Called when a subtree is stopped, with its first position and that after its last one.
+
+        It calls the watch and the method `stop` of leaves but no other node: the next call of an
+        aborted action has `fresh=True`.
+        """
+        if self._watch is not None:
+            for position in range(first, end):
+                if self._running[position]:
+                    self._running[position] = False
+                    self._watch(position, ABORTED)
+        for position, stop in self._stops:
+            if first <= position < end:
+                stop()
+
+
+Maker: TypeAlias = Callable[[Compiler, Node, Observed | None], Tick]
+"""Makes the tick function of a node.
+
+`Observed` collects the observed guards of the nearest composite above. It is None if the composite
+observes no guard of this branch.
+"""
 
 
 def compile_tree(
@@ -56,6 +235,8 @@ def compile_tree(
         KeyError: an action of the tree is missing in `actions`, or a key in `key_index`.
         DomainError: the tree counts seconds, and `step_s` is None.
     """
+    from islandgp.bt.core.kinds import KINDS, needs_each_tick  # its makers use this module
+
     compiler = Compiler(KINDS, actions, board, key_index, watch, step_s, seed)
     root = compiler.compile(tree, None)
     fresh, timed = True, needs_each_tick(tree)

@@ -7,7 +7,7 @@ from dataclasses import dataclass, field
 from enum import Enum, auto
 from typing import Any, NamedTuple
 
-from islandgp.bt.core.compiler import Maker
+from islandgp.bt.core.engine import Maker
 from islandgp.bt.core.node import FAILURE, SUCCESS, Args
 
 

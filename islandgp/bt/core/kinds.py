@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from typing import Final
 
-from islandgp.bt.core import closures, nav2_closures
+from islandgp.bt.core import closures
 from islandgp.bt.core.kind import Argument, Look, NodeKind, Sort, Target
 from islandgp.bt.core.node import (
     COUNTS,
@@ -27,6 +27,7 @@ from islandgp.bt.core.node import (
     keys_of,
     walk,
 )
+from islandgp.bt.core.steered import choice, random_order, recovering, steered, turns
 
 UNLIMITED: Final = 1_000_000  # "as many children as the limits allow"
 
@@ -202,7 +203,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         meaning="runs its children as a sequence that repeats the earlier ones in each tick, as"
         " Nav2's PipelineSequence",
         children=(1, UNLIMITED),
-        tick=nav2_closures.pipeline,
+        tick=closures.pipeline,
         look=Look("\N{RIGHTWARDS TWO HEADED ARROW}", "bold blue", "#dfe6f7", "#3f5fa8"),
         opaque=True,
         stock=Target("PipelineSequence"),
@@ -212,7 +213,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         meaning="tries its children in an order that it draws at each start until one succeeds, as"
         " NPBehave's RandomSelector",
         children=(1, UNLIMITED),
-        tick=closures.random_selector,
+        tick=steered(random_order),
         look=Look("?\N{GAME DIE}", "bold cyan", "#d7ecfa", "#0072b2"),
         opaque=True,
         remembers_end=True,
@@ -221,7 +222,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         meaning="runs its first child; after a success the second, after a failure the third, as"
         " BehaviorTree.CPP's IfThenElse",
         children=(2, 3),
-        tick=closures.if_else,
+        tick=steered(choice),
         look=Look("\N{DOWNWARDS ARROW WITH TIP LEFTWARDS}", "yellow", "#fdf0cf", "#b57a00"),
         opaque=True,
         stock=Target("IfThenElse"),
@@ -231,7 +232,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         meaning="tries its children in turn, beginning after the one that succeeded last, as Nav2's"
         " RoundRobin",
         children=(1, UNLIMITED),
-        tick=nav2_closures.round_robin,
+        tick=steered(turns),
         look=Look("\N{ANTICLOCKWISE GAPPED CIRCLE ARROW}", "bold cyan", "#d7ecfa", "#0072b2"),
         opaque=True,
         remembers_end=True,
@@ -244,7 +245,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         children=(2, 2),
         args=CountArgs,
         arguments=(Argument("count", Sort.COUNT, "recoveries at most", range=COUNTS),),
-        tick=nav2_closures.recovery,
+        tick=steered(recovering),
         look=Look("\N{LEFTWARDS ARROW WITH HOOK}", "magenta", "#f7e3f0", "#a23f7e"),
         opaque=True,
         stock=Target("RecoveryNode", ("number_of_retries",)),
@@ -268,7 +269,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         " as Nav2's RateController",
         args=SecondsArgs,
         arguments=(Argument("seconds", Sort.SECONDS, "after a success", range=SECONDS),),
-        tick=nav2_closures.every,
+        tick=closures.every,
         look=Look("\N{WATCH}", "magenta", "#efe3f5", "#7f4fa3"),
         opaque=True,
         stock=Target("RateController", ("hz",)),

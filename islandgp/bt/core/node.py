@@ -274,6 +274,13 @@ def walk(node: Node) -> Iterator[Node]:
         pending += node.children[::-1]
 
 
+def with_above(node: Node, above: tuple[Node, ...] = ()) -> Iterator[tuple[Node, tuple[Node, ...]]]:
+    """The nodes of a tree in document order, each with those above it from the root on."""
+    yield node, above
+    for child in node.children:
+        yield from with_above(child, (*above, node))
+
+
 def keys_of(args: Args) -> tuple[str, ...]:
     """The keys that a node with these arguments reads or writes, other than those of an action."""
     match args:
