@@ -15,7 +15,7 @@ import click
 
 from islandgp.bt.analysis.names import with_names
 from islandgp.bt.core.language import domain_of
-from islandgp.bt.core.node import names_in, size
+from islandgp.bt.core.node import actions_in, size
 from islandgp.bt.core.parameters import spelled_out
 from islandgp.bt.core.printer import with_subtrees
 from islandgp.commands.files import (
@@ -178,7 +178,7 @@ def explain_command(
         schema = trials.problem.domain.schema
         shown = spelled_out(tree, lambda name: schema.vocabulary.action(name).arguments)
         standard_output().print(to_rich(shown, notes))
-        run, actions = RunFolder(Path(file).parent), names_in(tree)[0]
+        run, actions = RunFolder(Path(file).parent), actions_in(tree)
         learned = run.summary().get("learned", ()) if run.finished() else ()
         if own := [s for s in learned if re.split(r"\W", s, maxsplit=1)[0] in actions]:
             click.echo("\n".join(in_lines(own)))

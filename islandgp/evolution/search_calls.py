@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
-from islandgp.bt.core.node import Node, names_in, size_and_depth
+from islandgp.bt.core.node import Node, actions_in, keys_in, size_and_depth
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import RunError
 from islandgp.gp.plan import Plan
@@ -57,8 +57,8 @@ def _must_be_individual(value: object, name: str, plan: Plan) -> None:
             f" gp.max_depth={plan.gp.max_depth} levels in {name},"
             f" found {nodes} and {levels}"
         )
-    actions, keys = names_in(tree)
-    for used, declared in ((actions, plan.vocabulary.actions), (keys, plan.vocabulary.keys)):
+    words, actions, keys = plan.vocabulary, actions_in(tree), {*keys_in(tree)}
+    for used, declared in ((actions, words.actions), (keys, words.keys)):
         if strange := sorted(used - declared.keys()):
             raise ValueError(
                 f"expected actions and keys of the domain in {name}, found {strange[0]!r}"

@@ -193,7 +193,8 @@ def random_args(rng: Rng, kind: str, space: TreeSpace) -> Args:
         return _random_guard(rng, space)
     if KINDS[kind].args is SetArgs:
         return SetArgs(random_assignment(rng, space))
-    return KINDS[kind].make_args([_drawn(rng, each, space) for each in KINDS[kind].arguments])
+    args: Args = KINDS[kind].args(*(_drawn(rng, each, space) for each in KINDS[kind].arguments))
+    return args
 
 
 def random_assignment(rng: Rng, space: TreeSpace) -> Condition:

@@ -31,11 +31,11 @@ from islandgp.bt.core.node import (
     GuardArgs,
     Node,
     ParallelArgs,
+    actions_in,
     commented,
     count_of,
     guard_of,
     marks_of,
-    names_in,
     written_in,
 )
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
@@ -62,7 +62,7 @@ class NodeContext(NamedTuple):
 
 def root_context(tree: Node, vocabulary: Vocabulary) -> NodeContext:
     """The context of the root of a tree."""
-    written = written_in(tree).union(*(vocabulary.action(n).sets for n in names_in(tree)[0]))
+    written = written_in(tree).union(*(vocabulary.action(n).sets for n in actions_in(tree)))
     context = NodeContext((), (), None, vocabulary, written)
     always = context.facts(*vocabulary.always)
     return context._replace(always=always, at_start=always)

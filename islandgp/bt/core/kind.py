@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import Enum, auto
 from typing import Any, NamedTuple
 
 from islandgp.bt.core.engine import Maker
-from islandgp.bt.core.node import FAILURE, SUCCESS, Args
+from islandgp.bt.core.node import FAILURE, SUCCESS
 
 
 class Sort(Enum):
@@ -86,11 +86,6 @@ class NodeKind:
     counts: int | None = None
     """Of a decorator: the status of its child after which the child starts again in the next tick,
     until the count in its args is reached."""
-
-    def make_args(self, values: Sequence[Any]) -> Args:
-        """The args of a node of this kind, from the values of its arguments in order."""
-        args: Args = self.args(*values) if values else ()
-        return args
 
     may_fail: bool = False
     """Of a decorator: it can fail while its child has not ended."""

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil, inf
-from typing import Final, NamedTuple, SupportsFloat, TypeAlias
+from typing import Any, Final, NamedTuple, SupportsFloat, TypeAlias
 
 from islandgp.bt.core.condition import Condition, ConditionExpr, combine, opposite, terms
 from islandgp.errors import LimitError
@@ -125,17 +125,8 @@ class WrittenArgs(NamedTuple):
     head: str  # before its brace
 
 
-Args: TypeAlias = (
-    tuple[()]
-    | ActionArgs
-    | GuardArgs
-    | CountArgs
-    | SecondsArgs
-    | ParallelArgs
-    | AlwaysArgs
-    | SetArgs
-    | WrittenArgs
-)
+Args: TypeAlias = tuple[Any, ...]
+"""The arguments of a node: an instance of the class that its kind names, such as `GuardArgs`."""
 
 
 class Node(NamedTuple):
@@ -305,18 +296,9 @@ def written_in(tree: Node) -> frozenset[str]:
     )
 
 
-def names_in(tree: Node) -> tuple[set[str], set[str]]:
-    """The actions of a tree's leaves, and the keys that it reads or writes."""
-    actions: set[str] = set()
-    keys: set[str] = set()
-    nodes = [tree]
-    for node in nodes:  # the list grows while it is iterated
-        nodes += node.children
-        if isinstance(node.args, ActionArgs):
-            actions.add(node.args.name)
-        elif node.args:
-            keys.update(keys_of(node.args))
-    return actions, keys
+def actions_in(tree: Node) -> set[str]:
+    """The actions of a tree's leaves."""
+    return {node.args.name for node in walk(tree) if isinstance(node.args, ActionArgs)}
 
 
 def asked_in(tree: Node) -> Iterator[Condition]:

@@ -287,7 +287,7 @@ class NodeBuilder:
                 arguments.append(self._argument(kind, argument, rest.pop(0).children[0]))
             else:
                 arguments.append(argument.default)
-        return Node(kind, KINDS[kind].make_args(arguments)), rest
+        return Node(kind, KINDS[kind].args(*arguments)), rest
 
     def leaf(self, name: Word, pairs: Sequence[tuple[Token, Token]]) -> Node:
         """A leaf from its name, and the names and values of its arguments. Raises TreeError."""

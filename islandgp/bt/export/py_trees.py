@@ -29,10 +29,10 @@ from islandgp.bt.core.node import (
     ParallelArgs,
     SecondsArgs,
     SetArgs,
+    actions_in,
     asked_in,
     keys_in,
     keys_of,
-    names_in,
     walk,
 )
 from islandgp.bt.core.parameters import bound, referenced
@@ -74,7 +74,7 @@ def to_python(tree: Node, vocabulary: Vocabulary = EMPTY_VOCABULARY) -> str:
     keys = "".join(
         f"    {name}: {meaning}".rstrip(": ") + "\n" for name, meaning in descriptions.items()
     )
-    for name in sorted(names_in(tree)[0]):
+    for name in sorted(actions_in(tree)):
         if uses := vocabulary.action(name).uses:
             text += f"\n    {name} uses {', '.join(uses)}, which no other action may use at once.\n"
     module = own_nodes("tree_module.txt")
