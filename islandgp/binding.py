@@ -306,12 +306,10 @@ def _vocabulary_of(
         with suppress(AttributeError, ImportError):  # it depends on settings, or on an extra
             words: Vocabulary = domain_class(domain).schema.vocabulary
             return words
-    line, column = domain_place(text)
     raise Source(plain(text), str(file)).error(
+        domain_place(text),
         f"nothing declares the words of the domain {domain!r}",
-        line=line,
-        column=column,
-        expected="the argument vocabulary: a Vocabulary, or a file that `islandgp domain"
+        "the argument vocabulary: a Vocabulary, or a file that `islandgp domain"
         f" {domain} --json` prints",
         kind=OtherDomainError,
     )

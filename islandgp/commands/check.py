@@ -99,10 +99,8 @@ def findings(source: TreeText, vocabulary_for: Callable[[TreeText], Vocabulary])
         found = warnings(text, vocabulary, name=name, folder=folder)
         if refused := [each for each in found if each.code in REFUSED]:
             file = Source(plain(text), name)
-            errors = [
-                file.error(e.message, e.line, e.column, kind=SharedResourceError) for e in refused
-            ]
-            return Findings(None, errors)
+            places = [((each.line, each.column), each.message) for each in refused]
+            return Findings(None, [file.error(*at, kind=SharedResourceError) for at in places])
         return Findings(tree, (), found)
     except TreeError as error:
         return Findings(None, [error])

@@ -100,9 +100,9 @@ def _for_tree(source: TreeText, options: DomainOptions) -> tuple[str, ...]:
     if domain not in domain_files(options.config_dir):
         domains = ", ".join(configured_domains(options.config_dir))
         raise Source(plain(source.text), source.name).error(
+            domain_place(source.text),
             f"unknown domain {shown(domain)}",
-            *domain_place(source.text),
-            expected=f"a domain that is configured ({domains}); give --config-dir FOLDER with a"
+            f"a domain that is configured ({domains}); give --config-dir FOLDER with a"
             f" file domain/{domain}.yaml in it, or choose a domain by --set domain=NAME",
             kind=OtherDomainError,
         )

@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from islandgp.bt.core.format import format_text
-from islandgp.bt.core.incomplete import words
 from islandgp.bt.core.language import parse, parse_placed, to_text
 from islandgp.bt.core.node import Node, walk
 from islandgp.bt.core.parameters import text as text_argument
+from islandgp.bt.core.syntax_errors import words
 from islandgp.bt.core.vocabulary import Action, Vocabulary
 from tests.composed import composed
 from tests.profiles import cases, examples

@@ -76,7 +76,7 @@ class LintWarning:
     def text(self, source: str, *, name: str) -> str:
         """The warning with the offending line and a caret, in the form of errors."""
         file = Source(plain(source), name)
-        return str(file.error(f"warning: {self.message}", self.line, self.column))
+        return str(file.error((self.line, self.column), f"warning: {self.message}"))
 
 
 def warnings(

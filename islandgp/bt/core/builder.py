@@ -110,9 +110,7 @@ class Builder(NodeBuilder):
 
     def _define(self, kind: str, name: Token, *parts: Any) -> None:
         if name in (self.constants if kind == "constant" else self.subtrees):
-            raise self.source.error_at(
-                name, f"{kind} {shown(name)} is defined twice", expected="a new name"
-            )
+            raise self.source.error(name, f"{kind} {shown(name)} is defined twice", "a new name")
         self.definitions.append((kind, name))
         if kind == "constant":
             self.number(parts[0])  # raises its errors
@@ -129,16 +127,16 @@ class Builder(NodeBuilder):
         }
         for at, parameter in enumerate(tokens):
             if defaults and parameter not in {*defaults, *tokens[: -len(defaults)]}:
-                raise self.source.error_at(
+                raise self.source.error(
                     parameter,
                     f"parameter {shown(parameter)} has no default, but one before it has",
-                    expected="the parameters with defaults last",
+                    "the parameters with defaults last",
                 )
             if parameter in tokens[:at]:
-                raise self.source.error_at(
+                raise self.source.error(
                     parameter,
                     f"parameter {shown(parameter)} is defined twice",
-                    expected="a new name",
+                    "a new name",
                 )
         self.values = {str(token): Word(token, self.source, open=True) for token in tokens}
         self._name = str(name)
@@ -190,8 +188,8 @@ class Builder(NodeBuilder):
         """The action or subtree that is passed for a parameter, at the parameter's place."""
         name, *values = tree.children
         if values:
-            raise self.source.error_at(
-                name, f"parameter {shown(name)} takes no arguments", expected=f"`{name}` alone"
+            raise self.source.error(
+                name, f"parameter {shown(name)} takes no arguments", f"`{name}` alone"
             )
         word = self.word(name, NODE)
         if word.type == "NODE":
@@ -216,11 +214,11 @@ class Builder(NodeBuilder):
         parameters, arguments = template.parameters, given[0].children if given else []
         most, least = len(parameters), len(parameters) - len(template.defaults)
         if not least <= len(arguments) <= most:
-            raise self.source.error_at(
+            raise self.source.error(
                 name,
                 f"subtree {name} takes {f'{least} to ' * (least < most)}{most}"
                 f" argument{'s' * (most != 1)}, found {len(arguments)}",
-                expected=f"`use {use_text(name, parameters)}`",
+                f"`use {use_text(name, parameters)}`",
             )
         texts = [self.argument_text(each) for each in arguments] if self._marks else []
         if self.written:
@@ -295,7 +293,7 @@ class Builder(NodeBuilder):
 
     def _too_large(self, token: Token, message: str) -> TreeError:
         expected = f"at most {MAX_LEVELS} levels and {MAX_NODES} nodes, each use expanded"
-        return self.source.error_at(token, message, expected=expected, kind=LimitError)
+        return self.source.error(token, message, expected, kind=LimitError)
 
     def _unknown_subtree(self, name: Token) -> TreeError:
         message = f"unknown subtree {shown(name)}"
@@ -305,15 +303,10 @@ class Builder(NodeBuilder):
             message = f"subtree {shown(name)} is defined further down"
         actions = self.vocabulary.actions if self.vocabulary else {}
         listing = shorten(", ".join(self.subtrees), 200, placeholder=" ...")
-        return self.source.error_at(
-            name,
-            message,
-            expected=f"a subtree that is defined above: {listing or 'none so far'}",
-            guess=f"{name}, without use"
-            if name in self.values or name in actions
-            else closest(name, self.subtrees),
-            kind=UnknownNameError,
-        )
+        expected = f"a subtree that is defined above: {listing or 'none so far'}"
+        is_node = name in self.values or name in actions
+        guess = f"{name}, without use" if is_node else closest(name, self.subtrees)
+        return self.source.error(name, message, expected, guess=guess, kind=UnknownNameError)
 
     def comments_at(self, tree: Tree | None) -> Comments:
         """The comments of a node or a statement; None: those at the end of the text."""

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
@@ -10,6 +11,7 @@ from typing import Any, Final, NamedTuple
 from islandgp.bt.core.source import Source, shown
 from islandgp.errors import LimitError
 
+_INCLUDE: Final = re.compile(r'^\s*include\s*"([^"\n]+)"', re.MULTILINE)
 MAX_FILES: Final = 50  # most included files, directly or indirectly
 MAX_CHARACTERS: Final = 100_000  # most characters of a text with what it includes
 
@@ -47,18 +49,14 @@ def load_includes(
                 continue
             token, name = part.children[0], str(part.children[0])[1:-1]
             if folder is None or beside is None:
-                raise source.error_at(
-                    token,
-                    "only a text in a file can include files",
-                    expected="a text without include",
-                )
+                message = "only a text in a file can include files"
+                raise source.error(token, message, "a text without include")
             path = included_path(name, folder, beside)
             if path is None or path in above:
-                raise source.error_at(
+                raise source.error(
                     token,
                     f"{shown(name)} is not another file in the folder of the tree",
-                    expected='a relative name with /, such as "lib/recharge.bt", and no circle of'
-                    " includes",
+                    'a relative name with /, such as "lib/recharge.bt", and no circle of includes',
                 )
             if path in texts:
                 continue
@@ -66,15 +64,15 @@ def load_includes(
                 texts[path] = read_included(path)
             except (OSError, UnicodeDecodeError) as error:
                 reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
-                raise source.error_at(
-                    token, f"can't read {shown(name)}: {reason}", expected="a tree file"
+                raise source.error(
+                    token, f"can't read {shown(name)}: {reason}", "a tree file"
                 ) from None
             size = len(main.text) + sum(map(len, texts.values()))
             if len(texts) > MAX_FILES or size > MAX_CHARACTERS:
-                raise source.error_at(
+                raise source.error(
                     token,
                     "the included files are too many or too long",
-                    expected=f"at most {MAX_FILES} files, and {MAX_CHARACTERS} characters in all",
+                    f"at most {MAX_FILES} files, and {MAX_CHARACTERS} characters in all",
                     kind=LimitError,
                 )
             shown_name = str(folder / path.relative_to(folder.resolve()))
@@ -102,3 +100,24 @@ def read_included(path: Path) -> str:
         raise FileNotFoundError(0, "there is no such file")
     with path.open(encoding="utf-8-sig") as file:
         return file.read(MAX_CHARACTERS + 1)
+
+
+def find_includes(text: str, folder: Path) -> dict[Path, str]:
+    """The files that a text includes, directly or indirectly, with their texts.
+
+    Does not raise: a file that cannot be read is "", and invalid includes are skipped. For editors,
+    which read incomplete files.
+    """
+    texts: dict[Path, str] = {}
+    waiting = [(text, folder)]
+    while waiting:
+        source, beside = waiting.pop()
+        for name in _INCLUDE.findall(source):
+            path = included_path(name, folder, beside)
+            if path is None or path in texts or len(texts) == MAX_FILES:
+                continue
+            texts[path] = ""
+            with suppress(OSError, ValueError):
+                texts[path] = read_included(path)
+            waiting.append((texts[path], path.parent))
+    return texts

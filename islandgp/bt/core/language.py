@@ -162,13 +162,8 @@ def files_of(
     `placed`: each tree of the grammar knows where it begins and ends.
     """
     if len(text) > MAX_CHARACTERS:
-        raise Source(text[:MAX_CHARACTERS], name).error(
-            f"the text has {len(text)} characters",
-            line=1,
-            column=1,
-            expected=f"at most {MAX_CHARACTERS}",
-            kind=LimitError,
-        )
+        message, limit = f"the text has {len(text)} characters", f"at most {MAX_CHARACTERS}"
+        raise Source(text[:MAX_CHARACTERS], name).error((1, 1), message, limit, kind=LimitError)
 
     def grammar(source: Source, rule: str) -> Any:
         from lark.exceptions import UnexpectedInput
@@ -176,7 +171,7 @@ def files_of(
         try:
             return parser_of(placed).parse(source.text, start=rule)
         except UnexpectedInput as error:
-            from islandgp.bt.core.messages import syntax_error  # only for trees with errors
+            from islandgp.bt.core.syntax_errors import syntax_error  # only for trees with errors
 
             raise syntax_error(source, error, rule, vocabulary) from None
 
@@ -185,10 +180,10 @@ def files_of(
         for token in (each.children[0] for each in tree.children[:1] if each.data == "domain"):
             if vocabulary is not None and token != vocabulary.domain:
                 domain = vocabulary.domain
-                raise source.error_at(
+                raise source.error(
                     token,
                     f"the tree is for the domain {shown(token)}, not for {domain!r}",
-                    expected=f"domain {domain}, or a command with domain={token}",
+                    f"domain {domain}, or a command with domain={token}",
                     kind=OtherDomainError,
                 )
     return parts
@@ -204,10 +199,9 @@ def _build(builder: Builder, parts: Sequence[ParsedFile]) -> Node:
     length = 0 if is_short else sum(len(line) + 1 for line in lines_of(node))
     if length > MAX_CHARACTERS:
         raise source.error(
+            (1, 1),
             f"the tree's canonical text, each use expanded, has {length} characters",
-            line=1,
-            column=1,
-            expected=f"at most {MAX_CHARACTERS}; shorten the tree",
+            f"at most {MAX_CHARACTERS}; shorten the tree",
             kind=LimitError,
         )
     return node
@@ -217,9 +211,8 @@ def parse_condition(text: str, vocabulary: Vocabulary | None) -> ConditionExpr:
     """Parses a condition, as after `when`. Raises TreeError as `parse`."""
     name = "<condition>"
     if not {"{", "}", "#"}.isdisjoint(text):
-        raise Source(plain(text), name).error(
-            "unexpected text in the condition", 1, 1, expected="comparisons and flags"
-        )
+        message = "unexpected text in the condition"
+        raise Source(plain(text), name).error((1, 1), message, "comparisons and flags")
     node = parse(f"when {text}\n{{ always success }}", vocabulary, name=name)
     return guard_of(node).condition
 

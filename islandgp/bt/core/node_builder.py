@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from math import inf
 from typing import Any, Final, TypeAlias
 
+from islandgp.bt.core import unknown
 from islandgp.bt.core.arithmetic import (
     Formula,
     Named,
@@ -23,7 +24,7 @@ from islandgp.bt.core.kinds import KINDS
 from islandgp.bt.core.node import ActionArgs, Node, Value
 from islandgp.bt.core.parameters import NO_YES, fits, referenced, value_range
 from islandgp.bt.core.printer import Quoted, number_text
-from islandgp.bt.core.source import Source, Word, closest, shown
+from islandgp.bt.core.source import Source, Word, closest, first_word, shown
 from islandgp.bt.core.vocabulary import Key, Vocabulary
 from islandgp.errors import LimitError
 
@@ -84,7 +85,7 @@ class NodeBuilder:
         elif word.open:
             self.used.add(("parameter", str(token)))
         if word.type not in _FITS[place]:
-            raise word.error(f"unexpected {shown(word.token)}", expected=place)
+            raise word.error(f"unexpected {shown(word.token)}", place)
         return word
 
     def number(self, token: Token) -> float:
@@ -92,7 +93,7 @@ class NodeBuilder:
         word = self.word(token, NUMBER)
         if word.type == "NAME" and not word.open:
             if word.text not in self.constants:
-                raise _messages().unknown_constant(word, self.constants)
+                raise unknown.unknown_constant(word, self.constants)
             self.used.add(("constant", word.text))
             word = self.constants[word.text]
         value = 1.0 if word.open else _plain_number(word)
@@ -124,20 +125,20 @@ class NodeBuilder:
     def _check_size(self, part: Any, level: int) -> None:
         """Raises LimitError at a part of a condition that makes it too long or too deep."""
         if self._terms > MAX_TERMS or self._operands > MAX_OPERANDS or level > MAX_NESTED:
-            raise self.source.error_at(
-                first_word(part),
+            raise self.source.error(
+                part,
                 "the condition is too long",
-                expected=f"at most {MAX_TERMS} comparisons and flags, {MAX_OPERANDS} keys, numbers"
+                f"at most {MAX_TERMS} comparisons and flags, {MAX_OPERANDS} keys, numbers"
                 f" and operations, {MAX_NESTED} levels",
                 kind=LimitError,
             )
 
     def _flag(self, part: Any) -> Condition:
         if hasattr(part, "children"):
-            raise self.source.error_at(
-                first_word(part),
+            raise self.source.error(
+                part,
                 "a sum must be compared with a number or a sum",
-                expected="e.g. `when 0.5 * a + b > 1`",
+                "e.g. `when 0.5 * a + b > 1`",
             )
         name = self.word(part, KEY)
         self._key(name)
@@ -148,18 +149,14 @@ class NodeBuilder:
         if hasattr(left, "children") or hasattr(right, "children"):
             term = self._term(left, level)
             if not isinstance(term, str) and not Formula(term).keys:
-                first = first_word(left)
-                raise self.source.error_at(first, f"unexpected {shown(first)}", expected=KEY)
+                raise self.source.error(left, f"unexpected {shown(first_word(left))}", KEY)
             return comparison(term, str(operator), self._term(right, level))
-        return self._of_key(self.word(left, KEY), str(operator), right)
+        return self.compare(self.word(left, KEY), str(operator), right)
 
-    def _of_key(self, name: Word, operator: str, right: Token) -> Condition:
+    def compare(self, name: Word, operator: str, right: Token) -> Condition:
+        """The comparison of a key with a number, a word or another key. Raises TreeError."""
         key = self._key(name, operator)
         return Condition(name.text, operator, *self._operand(name, key, right))
-
-    def equal(self, name: Word, value: Token) -> Condition:
-        """The condition that a key has a value. Raises TreeError."""
-        return self._of_key(name, "==", value)
 
     def _operand(self, name: Word, key: Key | None, token: Token) -> tuple[float, str]:
         """What a key is compared with, or set to: a number or a word, or else another key."""
@@ -177,7 +174,7 @@ class NodeBuilder:
         is_alike = other and key and other.kind == key.kind and word.text != name.text
         is_alike = is_alike and word.type == "NAME"
         if key is not None and not is_alike:
-            raise _messages().wrong_operand(name.text, word, self._keys, self.constants)
+            raise unknown.wrong_operand(name.text, word, self._keys, self.constants)
         return 0.0, word.text
 
     def _term(self, tree: Any, level: int) -> Term:
@@ -192,16 +189,16 @@ class NodeBuilder:
             case "brackets", [inside] if inside.data == "flag":
                 return self._term(inside.children[0], level + 1)
             case "brackets", _:
-                raise self.source.error_at(
-                    first_word(tree),
+                raise self.source.error(
+                    tree,
                     "a condition can't be a part of a sum",
-                    expected="keys and numbers",
+                    "keys and numbers",
                 )
             case _, [left, sign, right]:
                 terms = self._term(left, level), self._term(right, level)
                 if sign == "/" and bounds(terms[1], {}) == (0, 0):
-                    raise self.source.error_at(
-                        sign, "division by 0", expected="a number other than 0, or a key"
+                    raise self.source.error(
+                        sign, "division by 0", "a number other than 0, or a key"
                     )
                 return Operation(str(sign), terms)
         raise AssertionError(tree.data)
@@ -223,11 +220,11 @@ class NodeBuilder:
             return None
         key = self._keys.get(name.text)
         if key is None:
-            raise _messages().unknown_key(name, self.vocabulary, self.values)
+            raise unknown.unknown_key(name, self.vocabulary, self.values)
         if operator not in (key.operators or ("",)):
             operators = f", with one of {' '.join(key.operators)}" * bool(key.operators)
             expected = f"`when {key.example(name.text)}`{operators}"
-            raise name.error(f"{name.text} is {key.kind} and does not fit here", expected=expected)
+            raise name.error(f"{name.text} is {key.kind} and does not fit here", expected)
         return key
 
     def _assignment(self, tree: Tree) -> Condition:
@@ -237,11 +234,11 @@ class NodeBuilder:
         if self.vocabulary is not None and not name.open:
             key = self._keys.get(name.text)
             if key is None or not key.writable:
-                raise _messages().unwritable(name, self._keys)
+                raise unknown.unwritable(name, self._keys)
         if hasattr(right, "children"):
             if key is not None and key.choices:
-                word = Word(first_word(right), self.source)
-                raise _messages().wrong_operand(name.text, word, self._keys, self.constants)
+                word = Word(right, self.source)
+                raise unknown.wrong_operand(name.text, word, self._keys, self.constants)
             self._operands = 0
             assigned = comparison(name.text, "=", self._term(right, 1))
         elif key is None and right in NO_YES:
@@ -262,10 +259,10 @@ class NodeBuilder:
             key.whole and not is_whole(term, whole_keys)
         ):
             kind = "a whole number" if key.whole else "a number"
-            raise self.source.error_at(
-                first_word(right),
+            raise self.source.error(
+                right,
                 f"{assigned.key} can't be {other or number_text(assigned.number)}",
-                expected=f"{kind} of at least {low:g}" + f" and at most {most:g}" * (most < inf),
+                f"{kind} of at least {low:g}" + f" and at most {most:g}" * (most < inf),
             )
 
     def head(self, tree: Tree) -> tuple[Node, Sequence[Tree]]:
@@ -292,12 +289,12 @@ class NodeBuilder:
     def leaf(self, name: Word, pairs: Sequence[tuple[Token, Token]]) -> Node:
         """A leaf from its name, and the names and values of its arguments. Raises TreeError."""
         if self.vocabulary is not None and name.text not in self.vocabulary.actions:
-            raise _messages().unknown_node(name, self.subtrees, self.vocabulary, self.values)
+            raise unknown.unknown_node(name, self.subtrees, self.vocabulary, self.values)
         values: dict[str, Value] = {}
         for key, value in pairs:
             if key in values:
-                raise self.source.error_at(
-                    key, f"argument {shown(key)} is given twice", expected="each argument once"
+                raise self.source.error(
+                    key, f"argument {shown(key)} is given twice", "each argument once"
                 )
             values[str(key)] = self._value(name.text, key, value)
         if self.vocabulary is None or self._named:
@@ -315,7 +312,7 @@ class NodeBuilder:
             return Quoted(word.text) if quoted else word.text
         parameters = self.vocabulary.actions[action].arguments
         if key not in parameters:
-            raise _messages().unknown_argument(Word(key, self.source), action, parameters)
+            raise unknown.unknown_argument(Word(key, self.source), action, parameters)
         parameter = parameters[key]
         if word.open:
             return parameter.default
@@ -326,7 +323,7 @@ class NodeBuilder:
         if not fits(parameter, value):
             raise word.error(
                 f"{shown(word.token)} is not a value of {key}",
-                expected=value_range(parameter),
+                value_range(parameter),
                 guess=closest(word.token, parameter.words),
             )
         return value
@@ -342,7 +339,7 @@ class NodeBuilder:
         numbers = {n: k for n, k in self._keys.items() if not k.choices}
         keys = [n for n, k in numbers.items() if k.whole or sort is Sort.SECONDS]
         if self.vocabulary is not None and word.text not in keys:
-            raise _messages().unknown_constant(word, self.constants, keys)
+            raise unknown.unknown_constant(word, self.constants, keys)
         return word.text
 
     def _argument(self, kind: str, argument: Argument, part: Any) -> ConditionExpr | float | str:
@@ -351,7 +348,7 @@ class NodeBuilder:
             return self.condition(part)
         if argument.sort is Sort.ASSIGNMENT:
             return self._assignment(part)
-        if argument.sort is Sort.WORD or part.type not in ("NAME", "NUMBER"):
+        if part.type not in ("NAME", "NUMBER"):  # one of its words
             return str(part)
         if argument.sort is not Sort.POLICY and (key := self._amount(part, argument.sort)):
             return key
@@ -361,15 +358,9 @@ class NodeBuilder:
             word = self.word(part, NUMBER)
             raise word.error(
                 f"a {kind} can't have {shown(word.token)} as its {argument.name}",
-                expected=f"a {'whole ' * is_whole_number}number from {low:g} to {high:,}",
+                f"a {'whole ' * is_whole_number}number from {low:g} to {high:,}",
             )
         return int(number) if is_whole_number and not self._named else number
-
-
-def _messages() -> Any:
-    from islandgp.bt.core import messages  # only for trees with errors
-
-    return messages
 
 
 def _plain_number(word: Word) -> float:
@@ -377,19 +368,12 @@ def _plain_number(word: Word) -> float:
     if not _PLAIN_NUMBER.fullmatch(word.token):
         raise word.error(
             f"{shown(word.token)} is not a plain number",
-            expected="digits with an optional decimal point and no unit: 25, 12.5 or -3",
+            "digits with an optional decimal point and no unit: 25, 12.5 or -3",
         )
     value = float(word.token) + 0.0  # turns -0.0 into 0.0
     if abs(value) > MAX_NUMBER:
         raise word.error(
             f"{shown(word.token)} is out of range",
-            expected=f"a number from {-MAX_NUMBER} to {MAX_NUMBER}",
+            f"a number from {-MAX_NUMBER} to {MAX_NUMBER}",
         )
     return value
-
-
-def first_word(tree: Tree) -> Token:
-    """The first word of a parse tree."""
-    while hasattr(tree, "children"):
-        tree = tree.children[0]
-    return tree

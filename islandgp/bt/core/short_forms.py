@@ -33,7 +33,7 @@ def _switch(builder: Builder, tree: Tree, level: int) -> Node:
     _, name, *cases = tree.children
     builder.count(name, level)
     key = builder.word(name, KEY)
-    tests = [builder.equal(key, case.children[0]) for case in cases if case.data == "case"]
+    tests = [builder.compare(key, "==", case.children[0]) for case in cases if case.data == "case"]
     branches = [builder.node(case, level + 1) for case in cases]
     if builder.written:
         return Node("switch", WrittenArgs(f"switch {name}"), tuple(branches))

@@ -6,7 +6,7 @@
     Expected a node (selector, ...) or an action (MoveToBlock, ...).
     Did you mean MoveToBlock?
 
-`messages` has the texts of such errors.
+`unknown` and `syntax_errors` have the texts of most errors.
 """
 
 from __future__ import annotations
@@ -35,15 +35,24 @@ class Source:
 
     def error(
         self,
+        at: Any,
         message: str,
-        line: int,
-        column: int,
-        *,
         expected: str = "",
+        *,
         guess: str = "",
         kind: type[TreeError] = TreeError,
     ) -> TreeError:
-        """The error for a place; `line` and `column` count from 1."""
+        """The error for a place.
+
+        Args:
+            at: a lark.Token or lark.Tree of the text, or a line and a column, both from 1.
+            message: what was found.
+            expected: what is accepted there.
+            guess: a likely correction.
+            kind: the class of the error.
+        """
+        at = first_word(at)
+        line, column = at if isinstance(at, tuple) else (at.line or 1, at.column or 1)
         source = _lines(self.text)[line - 1]
         start = max(0, column - 1 - _EXCERPT * 2 // 3)
         excerpt = "".join(c if c.isprintable() else " " for c in source[start : start + _EXCERPT])
@@ -60,10 +69,6 @@ class Source:
         error.guess = guess
         return error
 
-    def error_at(self, token: Token, message: str, **about: Any) -> TreeError:
-        """The error for a word of the text; `about`: as of `error`."""
-        return self.error(message, token.line or 1, token.column or 1, **about)
-
 
 @dataclass(frozen=True, slots=True)
 class Word:
@@ -78,7 +83,7 @@ class Word:
     @property
     def token(self) -> Token:
         """The word; of a tree its first name."""
-        token: Token = getattr(self.part, "children", [self.part])[0]
+        token: Token = first_word(self.part)
         return token
 
     @property
@@ -91,11 +96,18 @@ class Word:
         """The word as it is written, a text without its quotes."""
         return str(self.token).strip('"')
 
-    def error(self, message: str, **about: Any) -> TreeError:
+    def error(self, message: str, expected: str, **about: Any) -> TreeError:
         """The error for the word; that of an argument names the parameter."""
         if self.parameter:
             message = f"{message} (parameter {self.parameter})"
-        return self.source.error_at(self.token, message, **about)
+        return self.source.error(self.part, message, expected, **about)
+
+
+def first_word(part: Any) -> Any:
+    """The first word of a lark.Tree; anything else unchanged."""
+    while hasattr(part, "children"):
+        part = part.children[0]
+    return part
 
 
 @lru_cache(maxsize=1)  # a file may have thousands of warnings

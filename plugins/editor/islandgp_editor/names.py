@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Final, NamedTuple
 
 from islandgp.bt.core.condition import OPERATORS
-from islandgp.bt.core.incomplete import find_includes
+from islandgp.bt.core.includes import find_includes
 from islandgp.bt.core.kinds import COUNTED, INNER, TIMED
 from islandgp.bt.core.vocabulary import NAME, RESERVED
 from islandgp.errors import TreeError

@@ -15,7 +15,7 @@ from pygls.workspace import ServerTextPosition, TextDocument
 
 from islandgp import __version__
 from islandgp.bt.core.format import format_text
-from islandgp.bt.core.incomplete import find_includes
+from islandgp.bt.core.includes import find_includes
 from islandgp.bt.core.language import MAX_CHARACTERS
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
 from islandgp.commands.check import findings, plain_error, plain_finding

@@ -15,7 +15,7 @@ from zipfile import ZipFile
 
 import pytest
 
-from islandgp.bt.core.incomplete import words
+from islandgp.bt.core.syntax_errors import words
 from islandgp.resources import resource
 from tests.running.commands import ROOT
 

@@ -11,7 +11,7 @@ from time import monotonic
 from typing import Any, Final
 
 from islandgp.binding import NodeStatus, RobotTree, Tree, load_tree
-from islandgp.bt.core.incomplete import find_includes
+from islandgp.bt.core.includes import find_includes
 from islandgp.bt.core.node import walk
 from islandgp.bt.core.printer import head
 from islandgp.errors import ConfigError, IslandError

@@ -1,38 +1,30 @@
-"""Messages of errors in trees: what was found, what is accepted there, and a likely correction."""
+"""Errors of texts that the grammar does not accept, and the words that can follow a text."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from itertools import pairwise
-from textwrap import shorten
 from typing import TYPE_CHECKING, Final, NamedTuple
 
 from islandgp.bt.core.condition import OPERATORS
-from islandgp.bt.core.incomplete import following, words
-from islandgp.bt.core.kinds import KEYWORDS, KINDS, SHORT
-from islandgp.bt.core.parameters import Parameter, value_range
-from islandgp.bt.core.source import Source, Word, closest, shown
-from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Key, Vocabulary
-from islandgp.errors import TreeError, UnknownNameError
+from islandgp.bt.core.kinds import KINDS
+from islandgp.bt.core.language import parser_of
+from islandgp.bt.core.source import Source, Word, closest, plain, shown
+from islandgp.bt.core.unknown import (
+    FOREIGN_WORDS,
+    NODE,
+    NODE_WORDS,
+    unknown_key,
+    unknown_node,
+)
+from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
+from islandgp.errors import TreeError
 
 if TYPE_CHECKING:
     from lark import Token
     from lark.exceptions import UnexpectedInput
 
-NODE_WORDS: Final = (*KEYWORDS, *SHORT, "use")
-
-FOREIGN_WORDS: Final = {
-    "fallback": "selector", "priority": "selector", "reactivefallback": "reactive_selector",
-    "if": "when", "while": "when", "guard": "when", "condition": "when", "ifthenelse": "if_else",
-    "loop": "repeater", "foreach": "for", "delay": "wait", "sleep": "wait", "invert": "inverter",
-    "retryuntilsuccessful": "retry", "ratecontroller": "every", "pipelinesequence": "pipeline",
-    "subtree": "use", "subtreeplus": "use", "const": "constant", "def": "subtree",
-    **dict.fromkeys(("else", "elif", "elseif"), "selector { when ... { ... } ... }"),
-}  # fmt: skip
-"""Keywords of other languages, with the correct form."""
-
-_NODE: Final = "a node or an action"
 _COMMENT: Final = "#, which begins a comment"
 _BLANK: Final = "a blank, which separates nodes"
 _SIGNS: Final = {
@@ -53,98 +45,25 @@ _SPELLING: Final = {
 }  # fmt: skip
 """What the parser's terminals look like in a text, unless it is their name."""
 
-_LONGEST_GUESS: Final = 100  # most characters of a correction
-
 _SELDOM: Final = frozenset({"PLUS", "MINUS", "TIMES", "DIVIDE"})
 """Terminals that are not listed, as they are seldom meant."""
 
 
-def unknown_key(word: Word, vocabulary: Vocabulary, parameters: Collection[str]) -> TreeError:
-    """The error for an unknown key; `parameters` of its subtree are known, too."""
-    guess = f"sequence {{ {word.text} ... }}" if word.text in vocabulary.actions else ""
-    names = [*vocabulary.keys, *parameters]
-    return _unknown(word, "blackboard key", f"a key: {', '.join(vocabulary.keys)}", names, guess)
+def following(text: str, rule: str = "library") -> frozenset[str]:
+    """The terminals of the grammar that can follow a text; none if the text is not valid."""
+    from lark.exceptions import UnexpectedInput
+
+    interactive = parser_of().parse_interactive(plain(text), start=rule)
+    try:
+        interactive.exhaust_lexer()
+    except UnexpectedInput:
+        return frozenset()
+    return frozenset(interactive.accepts())  # type: ignore[no-untyped-call] # lark types it not
 
 
-def unwritable(word: Word, keys: Mapping[str, Key]) -> TreeError:
-    """The error for a `set` of a key that trees do not write."""
-    writable = [name for name, key in keys.items() if key.writable]
-    return word.error(
-        f"{shown(word.token)} is no key that trees write",
-        expected=f"a key that is declared with `initial`: {', '.join(writable) or 'none'}",
-        guess=closest(word.text, writable),
-        kind=TreeError if word.text in keys else UnknownNameError,
-    )
-
-
-def wrong_operand(
-    name: str, word: Word, keys: Mapping[str, Key], constants: Collection[str]
-) -> TreeError:
-    """The error for what a key of this name cannot be compared with, or set to."""
-    key = keys[name]
-    others = [each for each, other in keys.items() if other.kind == key.kind and each != name]
-    expected = " | ".join(key.choices) or f"a number, a constant ({_listing(constants)})"
-    return word.error(
-        f"{shown(word.token)} does not fit {name}, which is {key.kind}",
-        expected=expected + f", or another key: {', '.join(others)}" * bool(others),
-        guess=closest(word.text, [*key.choices, *constants, *others]),
-        kind=TreeError if word.text in keys else UnknownNameError,
-    )
-
-
-def unknown_constant(
-    word: Word, constants: Collection[str], keys: Collection[str] = ()
-) -> TreeError:
-    """The error for an unknown name where a number, or one of `keys`, is expected."""
-    names = [*word.values, *constants]
-    expected = f"a number or a constant that is defined above ({_listing(names)})"
-    expected += f", or a key: {_listing(keys)}" * bool(keys)
-    return _unknown(word, "constant", expected, [*names, *keys])
-
-
-def unknown_argument(word: Word, action: str, parameters: Mapping[str, Parameter]) -> TreeError:
-    """The error for an argument that an action does not have."""
-    if not parameters:
-        return word.error(f"the action {action} takes no arguments", expected=f"`{action}` alone")
-    ranges = "; ".join(f"{name}: {value_range(each)}" for name, each in parameters.items())
-    guesses = [f"{name}: {word.text}" for name, p in parameters.items() if word.text in p.words]
-    return _unknown(word, "argument", ranges, parameters, *guesses[:1], of=f" of {action}")
-
-
-def unknown_node(
-    word: Word, subtrees: Collection[str], vocabulary: Vocabulary, parameters: Collection[str]
-) -> TreeError:
-    """The error for a word that is not a node, where a node is expected."""
-    name, rest = word.text, word.source.text[word.token.end_pos :].lstrip()
-    guess = FOREIGN_WORDS.get(name.lower(), "")
-    if rest.startswith("="):
-        guess = f"constant {name}"
-    elif name in subtrees:
-        guess = f"use {name}"
-    elif name in vocabulary.keys:
-        guess = f"when {vocabulary.keys[name].example(name)} {{ ... }}"
-    kind = "node" if rest.startswith("{") else "action"
-    guess = guess or closest(name, [*NODE_WORDS, *vocabulary.actions, *parameters])
-    expected = _NODE if guess else node_words(vocabulary)
-    return _unknown(word, kind, expected, (), guess)
-
-
-def node_words(vocabulary: Vocabulary) -> str:
-    """The nodes and actions of a domain, as a text."""
-    actions = f" ({', '.join(vocabulary.actions)})" if vocabulary.actions else ""
-    return f"a node ({', '.join(NODE_WORDS)}) or an action{actions}"
-
-
-def _unknown(
-    word: Word, what: str, expected: str, names: Iterable[str], guess: str = "", *, of: str = ""
-) -> TreeError:
-    guess = guess[:_LONGEST_GUESS] or closest(word.text, names)
-    message = f"unknown {what} {shown(word.token)}{of}"
-    return word.error(message, expected=expected, guess=guess, kind=UnknownNameError)
-
-
-def _listing(names: Iterable[str]) -> str:
-    return shorten(", ".join(names), 200, placeholder=" ...") or "none so far"
+def words(text: str, rule: str = "library") -> Iterator[Token]:
+    """The words of a text with their places in `plain(text)`. Raises lark's error at a fault."""
+    return parser_of().parse_interactive(plain(text), start=rule).iter_parse()
 
 
 class _Fault(NamedTuple):
@@ -180,7 +99,8 @@ def syntax_error(
         return unknown
     if not isinstance(error, UnexpectedToken):
         return _wrong_character(source, error)
-    accepted, known = _accepted(source, before, rule, vocabulary), vocabulary or EMPTY_VOCABULARY
+    known = vocabulary or EMPTY_VOCABULARY
+    accepted = _accepted(source, before, rule, known)
     fault = _Fault(source, error.token, before, accepted, known)
     if error.token.type == "$END":
         return _early_end(fault)
@@ -188,13 +108,13 @@ def syntax_error(
     expected, candidates = _expected(fault)
     unclosed = _unclosed(fault)
     if token == "}" and "SELECTOR" in accepted and unclosed is not None:
-        message, expected = f"this {_node_of(before[:unclosed])} needs more children", _NODE
+        message, expected = f"this {_node_of(before[:unclosed])} needs more children", NODE
     elif accepted == {"RBRACE"}:
         message += "; this node takes no more children, so wrap several in a sequence or a selector"
     elif accepted - {"LPAR"} == {"$END"}:
         message += "; a file holds one tree, after its subtrees"
     guess = _instead(fault) or closest(token.strip('"'), candidates)
-    return source.error_at(token, message, expected=expected, guess=guess)
+    return source.error(token, message, expected, guess=guess)
 
 
 def _words_before(source: Source, error: UnexpectedInput, rule: str) -> list[Token]:
@@ -211,16 +131,16 @@ def _words_before(source: Source, error: UnexpectedInput, rule: str) -> list[Tok
 
 
 def _accepted(
-    source: Source, before: Sequence[Token], rule: str, vocabulary: Vocabulary | None
+    source: Source, before: Sequence[Token], rule: str, vocabulary: Vocabulary
 ) -> frozenset[str]:
     """The terminals that can follow the words before a fault, without those seldom meant."""
     last = before[-1] if before else ""
     accepted = following(source.text[: getattr(last, "end_pos", 0)], rule) - _SELDOM
     if "NOT" in accepted:
         accepted -= {"NUMBER"}
-    if vocabulary and last in vocabulary.keys and "OPERATOR" in accepted:
+    if last in vocabulary.keys and "OPERATOR" in accepted:
         return accepted - {"OPERATOR"} if vocabulary.keys[last].flag else frozenset({"OPERATOR"})
-    if vocabulary and last in vocabulary.actions and not vocabulary.actions[last].arguments:
+    if last in vocabulary.actions and not vocabulary.actions[last].arguments:
         accepted -= {"LPAR"}
     return accepted
 
@@ -242,13 +162,9 @@ def _unknown_before(
 def _wrong_character(source: Source, error: UnexpectedInput) -> TreeError:
     rest = source.text[error.pos_in_stream or 0 :]
     guess = next((right for sign, right in _SIGNS.items() if rest.startswith(sign)), "")
-    return source.error(
-        f"unexpected character {rest[0]!r} (U+{ord(rest[0]):04X})",
-        error.line,
-        error.column,
-        expected="" if guess else "letters a to z, digits, _ { } ( ) , : and # for comments",
-        guess=guess,
-    )
+    message = f"unexpected character {rest[0]!r} (U+{ord(rest[0]):04X})"
+    expected = "" if guess else "letters a to z, digits, _ { } ( ) , : and # for comments"
+    return source.error((error.line, error.column), message, expected, guess=guess)
 
 
 def _early_end(fault: _Fault) -> TreeError:
@@ -257,16 +173,14 @@ def _early_end(fault: _Fault) -> TreeError:
     tree = "a tree: an action, or a node with its children"
     if not before:
         found = "has comments only" if source.text.strip() else "is empty"
-        return source.error(f"the text {found}", 1, 1, expected=tree)
+        return source.error((1, 1), f"the text {found}", tree)
     message = "the text ends too early"
     if "SUBTREE" in fault.accepted:
         message, expected = "there is no tree after the definitions", tree
     elif (brace := _unclosed(fault)) is not None:
         node, line = _node_of(before[:brace]), before[brace].line
         message += f": the brace of the {node} in line {line} is not closed"
-    return source.error(
-        message, before[-1].end_line or 1, before[-1].end_column or 1, expected=expected
-    )
+    return source.error((before[-1].end_line, before[-1].end_column), message, expected)
 
 
 def _node_of(tokens: Sequence[Token]) -> str:
@@ -324,7 +238,7 @@ def _expected(fault: _Fault) -> tuple[str, Sequence[str]]:
     if "SELECTOR" in accepted:
         first = [w for w in ("domain", "include", "constant", "subtree") if w.upper() in accepted]
         words = [*first, *NODE_WORDS, *vocabulary.actions]
-        return "} or " * ("RBRACE" in accepted) + _NODE, words
+        return "} or " * ("RBRACE" in accepted) + NODE, words
     if "USE" in accepted:
         return "a number, a key, a word, a text in quotes, an action or a `use`", ()
     if "NAME" in accepted and "NUMBER" in accepted:
