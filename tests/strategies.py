@@ -14,7 +14,6 @@ from islandgp.bt.core.condition import (
     negate,
 )
 from islandgp.bt.core.kinds import ABORTS, ALWAYS, KINDS, NAV2, POLICIES, REPEATS, TIMED, UNLIMITED
-from islandgp.bt.core.language import MAX_NUMBER
 from islandgp.bt.core.node import (
     AlwaysArgs,
     CountArgs,
@@ -24,6 +23,7 @@ from islandgp.bt.core.node import (
     SecondsArgs,
     leaf,
 )
+from islandgp.bt.core.node_builder import MAX_NUMBER
 from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.state import PopulationState

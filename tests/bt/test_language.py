@@ -11,8 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from islandgp.bt.core import language
+from islandgp.bt.core.builder import MAX_LEVELS, MAX_NODES
 from islandgp.bt.core.condition import Condition
-from islandgp.bt.core.language import MAX_CHARACTERS, MAX_LEVELS, MAX_NODES, parse, to_text
+from islandgp.bt.core.language import MAX_CHARACTERS, parse, to_text
 from islandgp.bt.core.node import CountArgs, GuardArgs, Node, ParallelArgs, depth, leaf, size
 from islandgp.bt.core.printer import WIDTH, number_text
 from islandgp.bt.core.vocabulary import Vocabulary

@@ -352,20 +352,6 @@ def _parallel_ends(args: ParallelArgs, node: Node, context: NodeContext) -> list
     return [FAILURE] * fails + [SUCCESS] * (succeeding >= success)
 
 
-def dead_end(node: Node, context: NodeContext) -> int | None:
-    """Index of the first child after which no later child can run, or None.
-
-    The last child does not count.
-    """
-    advance = advance_status(node)
-    for index, (child, here) in enumerate(
-        zip(node.children[:-1], child_contexts(node, context), strict=False)
-    ):
-        if end_facts(child, here, advance) is None:
-            return index
-    return None
-
-
 def contradictions(node: Node, context: NodeContext) -> Iterator[tuple[Condition, Conditions]]:
     """What an action needs to succeed but cannot have in its place, with what holds there."""
     action = context.vocabulary.action(node.action)

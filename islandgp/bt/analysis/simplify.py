@@ -17,8 +17,8 @@ from islandgp.bt.analysis.context import (
     always_holds,
     child_contexts,
     conditions_when_evaluated,
-    dead_end,
     effective_abort,
+    end_facts,
     has_interrupting_guard,
     may_interrupt,
     never,
@@ -78,12 +78,15 @@ def _only_child(node: Node, context: NodeContext) -> Rewrite:
 
 
 def never_gets_there(node: Node, context: NodeContext) -> Rewrite:
-    index = dead_end(node, context)
-    if index is None:
-        return None
-    verb = "fails" if advance_status(node) == FAILURE else "succeeds"
-    reason = f"{head(node.children[index])} never {verb}, so its {node.kind} never goes on"
-    return node._replace(children=node.children[: index + 1]), reason
+    # The composite never goes on from a child that never ends with the status for it.
+    advance = advance_status(node)
+    contexts = child_contexts(node, context)
+    for index, child in enumerate(node.children[:-1]):
+        if end_facts(child, contexts[index], advance) is None:
+            verb = "fails" if advance == FAILURE else "succeeds"
+            reason = f"{head(child)} never {verb}, so its {node.kind} never goes on"
+            return node._replace(children=node.children[: index + 1]), reason
+    return None
 
 
 def _idle_branch(node: Node, context: NodeContext) -> Rewrite:

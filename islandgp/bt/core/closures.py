@@ -6,9 +6,9 @@ calls it to compile a node of the kind. docs/semantics.md specifies the nodes.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Sequence
 
-from islandgp.bt.core.engine import Compiler, Maker, Observed, Tick
+from islandgp.bt.core.engine import Compiler, Maker, Observed, Stop, Tick
 from islandgp.bt.core.node import (
     AGAIN,
     FAILURE,
@@ -28,15 +28,15 @@ def ordered(advance_status: int) -> Maker:
 
     def make(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
         observed = Observed()
-        branches, positions = compiler.children(node, observed)
+        branches, stops = zip(*compiler.children(node, observed), strict=True)
         if not observed.guards:
             return _composite(branches, advance_status)
-        return _observing_composite(branches, advance_status, observed, positions, compiler.stop)
+        return _observing_composite(branches, stops, advance_status, observed)
 
     return make
 
 
-def _composite(branches: list[Tick], advance_status: int) -> Tick:
+def _composite(branches: Sequence[Tick], advance_status: int) -> Tick:
     """A composite without observed guards."""
     count = len(branches)
     current = 0
@@ -57,20 +57,15 @@ def _composite(branches: list[Tick], advance_status: int) -> Tick:
 
 
 def _observing_composite(
-    branches: list[Tick],
-    advance_status: int,
-    observed: Observed,
-    positions: list[int],
-    stop: Callable[[int, int], None],
+    branches: Sequence[Tick], stops: Sequence[Stop], advance_status: int, observed: Observed
 ) -> Tick:
     """A selector or sequence that goes back to an earlier branch when its guard becomes true.
 
     Args:
         branches: the children.
+        stops: the functions that stop them.
         advance_status: the status of a branch after which the next one starts.
         observed: the guards of all branches but the last.
-        positions: of the first node of each branch, and that after the last branch.
-        stop: called with the positions of the branch that is stopped.
     """
     count = len(branches)
     guards, truth = tuple(observed.guards), observed.truth
@@ -97,7 +92,7 @@ def _observing_composite(
         else:
             at = turned_true()
             if at != current:
-                stop(positions[current], positions[current + 1])
+                stops[current]()
                 fresh = True
                 for branch, slot, _ in guards:
                     if branch >= at:
@@ -124,8 +119,7 @@ def reactive(advance_status: int) -> Maker:
     """A selector or sequence that begins with its first child in each tick."""
 
     def make(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
-        branches, positions = compiler.children(node)
-        stop = compiler.stop
+        branches, stops = zip(*compiler.children(node), strict=True)
         current = 0  # the child that ran in the tick before
 
         def tick(fresh: bool) -> int:
@@ -135,7 +129,7 @@ def reactive(advance_status: int) -> Maker:
                 status = branch(at != running)
                 if status != advance_status:
                     if running > at:
-                        stop(positions[running], positions[running + 1])
+                        stops[running]()
                     current = at
                     # The children before it start again in the next tick.
                     return AGAIN if status == RUNNING and at else status
@@ -149,9 +143,8 @@ def reactive(advance_status: int) -> Maker:
 def parallel(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
     """Ticks all children; succeeds after enough successes, fails after enough failures."""
     assert isinstance(node.args, ParallelArgs)
-    branches, positions = compiler.children(node)
+    branches, stops = zip(*compiler.children(node), strict=True)
     success, failure = node.args.needed(len(branches))
-    stop = compiler.stop_midtick
     count = len(branches)
     statuses = [RUNNING] * count
 
@@ -172,7 +165,8 @@ def parallel(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
             return running
         for at, status in enumerate(statuses):
             if status >= RUNNING:
-                stop(positions[at], positions[at + 1])
+                compiler.changed_midtick = True
+                stops[at]()
         return SUCCESS if failed < failure and succeeded >= success else FAILURE
 
     return tick
@@ -184,8 +178,7 @@ def pipeline(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
     The next child starts after a success. It is also ticked while the child before it is running,
     if it or a later one has run since the pipeline started.
     """
-    branches, positions = compiler.children(node)
-    stop = compiler.stop_midtick
+    branches, stops = zip(*compiler.children(node), strict=True)
     running = [False] * len(branches)
     furthest = 0
 
@@ -206,7 +199,8 @@ def pipeline(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
                 return AGAIN if at else status
         for at, still_running in enumerate(running):
             if still_running:
-                stop(positions[at], positions[at + 1])
+                compiler.changed_midtick = True
+                stops[at]()
         return status
 
     return tick
@@ -216,7 +210,7 @@ def ending(ends: tuple[int, int]) -> Maker:
     """Ends with the first of two statuses when its child fails, else with the second."""
 
     def make(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
-        child, _ = compiler.child(node, observed)
+        child, _ = compiler.child(node.children[0], observed)
 
         def tick(fresh: bool) -> int:
             status = child(fresh)
@@ -231,7 +225,7 @@ def repeating(counted: int) -> Maker:
     """Repeats its child, once a tick, until enough ends with the status `counted`."""
 
     def make(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
-        (child, _), count = compiler.child(node, observed), compiler.count(node)
+        (child, _), count = compiler.child(node.children[0], observed), compiler.count(node)
         remaining = 0.0  # ends with this status until the repeater ends
         due = False  # True: the next tick starts a repetition
 
@@ -255,7 +249,7 @@ def repeating(counted: int) -> Maker:
 
 def wait(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
     """Starts its child some ticks after its own start."""
-    (child, _), ticks = compiler.child(node, observed), compiler.ticks(node)
+    (child, _), ticks = compiler.child(node.children[0], observed), compiler.ticks(node)
     remaining = 0
 
     def tick(fresh: bool) -> int:
@@ -268,15 +262,14 @@ def wait(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
 
 def timeout(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
     """Fails some ticks after its start if its child still runs."""
-    (child, span), ticks = compiler.child(node, observed), compiler.ticks(node)
-    stop = compiler.stop
+    (child, stop), ticks = compiler.child(node.children[0], observed), compiler.ticks(node)
     remaining = 0
 
     def tick(fresh: bool) -> int:
         nonlocal remaining
         remaining = ticks() if fresh else remaining - 1
         if remaining == 0:
-            stop(*span)
+            stop()
             return FAILURE
         status = child(fresh)
         return AGAIN if status == RUNNING else status
@@ -286,7 +279,7 @@ def timeout(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
 
 def cooldown(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
     """Fails for some ticks after its child has ended."""
-    (child, _), ticks = compiler.child(node, observed), compiler.ticks(node)
+    (child, _), ticks = compiler.child(node.children[0], observed), compiler.ticks(node)
     ready = 0  # the first tick in which the child may start
 
     def tick(fresh: bool) -> int:
@@ -303,7 +296,7 @@ def cooldown(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
 
 def every(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
     """Starts its child again some ticks after its success."""
-    (child, _), ticks = compiler.child(node, observed), compiler.ticks(node)
+    (child, _), ticks = compiler.child(node.children[0], observed), compiler.ticks(node)
     due = 0  # the first tick in which the child may start
     before = FAILURE  # its status in the tick before; RUNNING at a start: it was aborted
     started = False  # True: the child is running
@@ -359,15 +352,14 @@ def when(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
     slot = 0
     if observed is not None and guard.interrupts:
         truth, slot = observed.truth, observed.add(holds)
-    child, span = compiler.child(node, observed)
-    stop = compiler.stop
+    child, stop = compiler.child(node.children[0], observed)
 
     def tick(fresh: bool) -> int:
         if fresh:
             truth[slot] = true_now = holds()
             return child(True) if true_now else FAILURE
         if checks_itself and not holds():
-            stop(*span)
+            stop()
             return FAILURE
         return child(False)
 

@@ -67,16 +67,8 @@ ConditionExpr: TypeAlias = Condition | Compound
 WHOLE: Final = "whole"
 """Operator of a premise of analyses: the value of the key is a whole number."""
 
-OPPOSITE: Final = {
-    "<": ">=",
-    ">=": "<",
-    ">": "<=",
-    "<=": ">",
-    "==": "!=",
-    "!=": "==",
-    "is": "not",
-    "not": "is",
-}
+_NEGATIONS: Final = (("<", ">="), (">", "<="), ("==", "!="), ("is", "not"))
+OPPOSITE: Final = {one: other for pair in _NEGATIONS for one, other in (pair, pair[::-1])}
 """The negation of each operator."""
 
 

@@ -10,6 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, MutableSequence
 from dataclasses import dataclass, field
+from functools import partial
 from math import inf
 from typing import Any, Final, NamedTuple, SupportsFloat, TypeAlias, cast
 
@@ -29,6 +30,7 @@ from islandgp.errors import DomainError
 ABORTED: Final = 4  # passed to a watch only: the node was running and has been stopped
 
 Tick: TypeAlias = Callable[[bool], int]  # (fresh) -> status
+Stop: TypeAlias = Callable[[], None]
 Watch: TypeAlias = Callable[[int, int], None]  # (node's position in document order, status)
 Actions: TypeAlias = Mapping[str, Tick] | Callable[[ActionArgs], Tick]
 
@@ -86,27 +88,25 @@ class Compiler:
             self._stops.append((position, stop))
         return tick if self._watch is None else self._watched(tick, position, self._watch)
 
-    def child(self, node: Node, observed: Observed | None) -> tuple[Tick, tuple[int, int]]:
-        """The closure of the only child, and its position with that after its last node."""
+    def child(self, child: Node, observed: Observed | None) -> tuple[Tick, Stop]:
+        """The closure of a child, and the function that stops it."""
         first = len(self._running)
-        return self.compile(node.children[0], observed), (first, len(self._running))
+        tick = self.compile(child, observed)
+        return tick, partial(self._stop, first, len(self._running))
 
-    def children(
-        self, node: Node, observed: Observed | None = None
-    ) -> tuple[list[Tick], list[int]]:
-        """The closures of children, and their positions with that after the last one.
+    def children(self, node: Node, observed: Observed | None = None) -> list[tuple[Tick, Stop]]:
+        """The closures of children, and the functions that stop them.
 
         `observed` collects their observed guards; None: their guards are not observed.
         """
-        branches, positions = [], []
+        branches = []
         for branch, child in enumerate(node.children):
-            positions.append(len(self._running))
             if observed is not None:
                 observed.branch = branch
             # No branch comes after the last one, so its guards are not observed.
             last = branch == len(node.children) - 1
-            branches.append(self.compile(child, None if last else observed))
-        return branches, [*positions, len(self._running)]
+            branches.append(self.child(child, None if last else observed))
+        return branches
 
     def action(self, args: ActionArgs) -> Tick:
         """The function of an action."""
@@ -169,12 +169,7 @@ class Compiler:
 
         return watched
 
-    def stop_midtick(self, first: int, end: int) -> None:
-        """`stop` of a subtree that has been ticked in this tick."""
-        self.changed_midtick = True
-        self.stop(first, end)
-
-    def stop(self, first: int, end: int) -> None:
+    def _stop(self, first: int, end: int) -> None:
         """Called when a subtree is stopped, with its first position and that after its last one.
 
         It calls the watch and the method `stop` of leaves but no other node: the next call of an

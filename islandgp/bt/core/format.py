@@ -29,7 +29,7 @@ def format_text(text: str, *, name: str = "<tree>", folder: Path | None = None) 
     """
     if not text.strip("\ufeff \t\r\n"):
         parse(text, name=name)  # raises the error
-    parts = files_of(text, name=name, folder=folder, start="library", placed=True)
+    parts = files_of(text, name=name, folder=folder, start="library")
     builder = Builder(None, marks=True, named=True, written=True)
     root = builder.build(parts)
     bodies = iter(builder.bodies)

@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from typing import Final
 
-from islandgp.bt.core import closures
+from islandgp.bt.core import closures, steered
 from islandgp.bt.core.kind import Argument, Look, NodeKind, Sort, Target
 from islandgp.bt.core.node import (
     COUNTS,
@@ -27,7 +27,6 @@ from islandgp.bt.core.node import (
     keys_of,
     walk,
 )
-from islandgp.bt.core.steered import choice, random_order, recovering, steered, turns
 
 UNLIMITED: Final = 1_000_000  # "as many children as the limits allow"
 
@@ -213,7 +212,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         meaning="tries its children in an order that it draws at each start until one succeeds, as"
         " NPBehave's RandomSelector",
         children=(1, UNLIMITED),
-        tick=steered(random_order),
+        tick=steered.random_selector,
         look=Look("?\N{GAME DIE}", "bold cyan", "#d7ecfa", "#0072b2"),
         opaque=True,
         remembers_end=True,
@@ -222,7 +221,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         meaning="runs its first child; after a success the second, after a failure the third, as"
         " BehaviorTree.CPP's IfThenElse",
         children=(2, 3),
-        tick=steered(choice),
+        tick=steered.if_else,
         look=Look("\N{DOWNWARDS ARROW WITH TIP LEFTWARDS}", "yellow", "#fdf0cf", "#b57a00"),
         opaque=True,
         stock=Target("IfThenElse"),
@@ -232,7 +231,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         meaning="tries its children in turn, beginning after the one that succeeded last, as Nav2's"
         " RoundRobin",
         children=(1, UNLIMITED),
-        tick=steered(turns),
+        tick=steered.round_robin,
         look=Look("\N{ANTICLOCKWISE GAPPED CIRCLE ARROW}", "bold cyan", "#d7ecfa", "#0072b2"),
         opaque=True,
         remembers_end=True,
@@ -245,7 +244,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         children=(2, 2),
         args=CountArgs,
         arguments=(Argument("count", Sort.COUNT, "recoveries at most", range=COUNTS),),
-        tick=steered(recovering),
+        tick=steered.recovery,
         look=Look("\N{LEFTWARDS ARROW WITH HOOK}", "magenta", "#f7e3f0", "#a23f7e"),
         opaque=True,
         stock=Target("RecoveryNode", ("number_of_retries",)),

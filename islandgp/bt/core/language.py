@@ -13,8 +13,6 @@ from itertools import pairwise
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final, NamedTuple
 
-from islandgp.bt.core.builder import MAX_LEVELS as MAX_LEVELS
-from islandgp.bt.core.builder import MAX_NODES as MAX_NODES
 from islandgp.bt.core.builder import Builder
 from islandgp.bt.core.condition import ConditionExpr
 from islandgp.bt.core.includes import MAX_CHARACTERS as MAX_CHARACTERS
@@ -22,7 +20,6 @@ from islandgp.bt.core.includes import ParsedFile, load_includes
 from islandgp.bt.core.kind import Sort
 from islandgp.bt.core.kinds import CALLABLE, KEYWORDS, KINDS, SHORT, UNLIMITED
 from islandgp.bt.core.node import Node, Place, guard_of, marks_of
-from islandgp.bt.core.node_builder import MAX_NUMBER as MAX_NUMBER
 from islandgp.bt.core.printer import lines_of
 from islandgp.bt.core.printer import to_text as to_text
 from islandgp.bt.core.source import Source, plain, shown
@@ -71,7 +68,7 @@ def parse(
             limit on trees.
     """
     builder = Builder(vocabulary, marks=marked)
-    parts = files_of(text, vocabulary, name=name, folder=folder, placed=marked)
+    parts = files_of(text, vocabulary, name=name, folder=folder)
     return _build(builder, parts)
 
 
@@ -121,7 +118,7 @@ def parse_placed(
     `named`: numbers of constants and parameters are printed by their names.
     """
     builder = Builder(vocabulary, marks=True, named=named)
-    parts = files_of(text, vocabulary, name=name, folder=folder, placed=True)
+    parts = files_of(text, vocabulary, name=name, folder=folder)
     node = _build(builder, parts)
     unused = [
         (kind, token.line, token.column, str(token))
@@ -155,12 +152,8 @@ def files_of(
     name: str,
     folder: Path | None,
     start: str = "start",
-    placed: bool = False,
 ) -> list[ParsedFile]:
-    """The parsed files that a text includes, and the text itself, last. Raises as `parse`.
-
-    `placed`: each tree of the grammar knows where it begins and ends.
-    """
+    """The parsed files that a text includes, and the text itself, last. Raises as `parse`."""
     if len(text) > MAX_CHARACTERS:
         message, limit = f"the text has {len(text)} characters", f"at most {MAX_CHARACTERS}"
         raise Source(text[:MAX_CHARACTERS], name).error((1, 1), message, limit, kind=LimitError)
@@ -169,7 +162,7 @@ def files_of(
         from lark.exceptions import UnexpectedInput
 
         try:
-            return parser_of(placed).parse(source.text, start=rule)
+            return parser_of().parse(source.text, start=rule)
         except UnexpectedInput as error:
             from islandgp.bt.core.syntax_errors import syntax_error  # only for trees with errors
 
@@ -231,7 +224,7 @@ def domain_place(text: str) -> tuple[int, int]:
 
 
 @cache
-def parser_of(placed: bool = False) -> Lark:  # to know all places takes a third longer
+def parser_of() -> Lark:
     from lark import Lark, __version__
 
     if __version__.startswith("0."):
@@ -246,7 +239,7 @@ def parser_of(placed: bool = False) -> Lark:  # to know all places takes a third
         parser="lalr",
         lexer="contextual",  # a word is a keyword only where the grammar can have it
         maybe_placeholders=False,
-        propagate_positions=placed,
+        propagate_positions=True,
         start=["start", "library"],
     )
 

@@ -9,7 +9,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from fractions import Fraction
 from math import ceil, inf
-from typing import Any, Final, NamedTuple, SupportsFloat, TypeAlias
+from typing import Final, NamedTuple, SupportsFloat, TypeAlias
 
 from islandgp.bt.core.condition import Condition, ConditionExpr, combine, opposite, terms
 from islandgp.errors import LimitError
@@ -125,8 +125,17 @@ class WrittenArgs(NamedTuple):
     head: str  # before its brace
 
 
-Args: TypeAlias = tuple[Any, ...]
-"""The arguments of a node: an instance of the class that its kind names, such as `GuardArgs`."""
+Args: TypeAlias = (
+    tuple[()]
+    | ActionArgs
+    | GuardArgs
+    | CountArgs
+    | SecondsArgs
+    | ParallelArgs
+    | AlwaysArgs
+    | SetArgs
+    | WrittenArgs
+)
 
 
 class Node(NamedTuple):

@@ -1,96 +1,107 @@
-"""Composites that run one child at a time: a generator says which child comes next."""
+"""Composites that run one child at a time, and end with the status of the last one."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Generator
-from typing import TypeAlias
+from collections.abc import Callable
+from typing import Final
 
-from islandgp.bt.core.engine import Compiler, Maker, Observed, Tick
+from islandgp.bt.core.engine import Compiler, Observed, Tick
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node
 
-Steps: TypeAlias = Callable[[], Generator[int, int, None]]
-"""Yields the index of the child that starts, and is sent the status with which it ends."""
+END: Final = -1
+"""In place of the index of a child: no other child starts."""
 
 
-def steered(steps_of: Callable[[Compiler, Node], Steps]) -> Maker:
-    """A composite that runs one child at a time and ends with the status of the last one.
+def _steered(
+    compiler: Compiler, node: Node, first: Callable[[], int], after: Callable[[int, int], int]
+) -> Tick:
+    """The tick function of a composite.
 
-    `steps_of`: of a node, called before its children are compiled, the steps from each start.
+    Args:
+        compiler: compiles the children.
+        node: the composite.
+        first: called at a start; returns the index of the child that starts.
+        after: called with the index of a child that has ended and its status; returns the index of
+            the child that starts in the same tick, or END.
     """
+    branches = [tick for tick, _ in compiler.children(node)]
+    current = 0
 
-    def make(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
-        start = steps_of(compiler, node)
-        branches, _positions = compiler.children(node)
-        steps, current = start(), 0
+    def tick(fresh: bool) -> int:
+        nonlocal current
+        at = first() if fresh else current
+        while (status := branches[at](fresh)) < RUNNING:
+            if (following := after(at, status)) == END:
+                return status
+            at, fresh = following, True
+        current = at
+        return status
 
-        def tick(fresh: bool) -> int:
-            nonlocal steps, current
-            if fresh:
-                steps = start()
-                current = next(steps)
-            while (status := branches[current](fresh)) < RUNNING:
-                try:
-                    current = steps.send(status)
-                except StopIteration:
-                    break
-                fresh = True
-            return status
-
-        return tick
-
-    return make
+    return tick
 
 
-def random_order(compiler: Compiler, node: Node) -> Steps:
-    """Tries the children in an order that is drawn at each start until one succeeds."""
+def random_selector(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
+    """Tries its children in an order that it draws at each start until one succeeds."""
     order = compiler.order(len(node.children))
+    waiting: list[int] = []
 
-    def steps() -> Generator[int, int, None]:
-        for child in order():
-            if (yield child) == SUCCESS:
-                return
+    def first() -> int:
+        waiting[:] = order()
+        return waiting.pop(0)
 
-    return steps
+    def after(_: int, status: int) -> int:
+        return waiting.pop(0) if status == FAILURE and waiting else END
 
-
-def choice(_: Compiler, node: Node) -> Steps:
-    """Runs the first child, then the second after a success, and after a failure the third."""
-
-    def steps() -> Generator[int, int, None]:
-        if (yield 0) == SUCCESS:
-            yield 1
-        elif len(node.children) > 2:
-            yield 2
-
-    return steps
+    return _steered(compiler, node, first, after)
 
 
-def turns(_: Compiler, node: Node) -> Steps:
-    """Tries the children in turn; begins after the child that succeeded last."""
+def if_else(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
+    """Runs its first child, then the second after a success, and after a failure the third."""
+    third = 2 if len(node.children) > 2 else END
+
+    def after(child: int, status: int) -> int:
+        return END if child else 1 if status == SUCCESS else third
+
+    return _steered(compiler, node, lambda: 0, after)
+
+
+def round_robin(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
+    """Tries its children in turn; begins after the child that succeeded last."""
     count = len(node.children)
-    first = 0
+    start = tried = 0  # the child with which it begins; those that have started since then
 
-    def steps() -> Generator[int, int, None]:
-        nonlocal first
-        order = [*range(first, count), *range(first)]
-        first = 0  # unless a child succeeds before an abort
-        for child in order:
-            if (yield child) == SUCCESS:
-                first = (child + 1) % count
-                return
+    def first() -> int:
+        nonlocal start, tried
+        child, start, tried = start, 0, 1  # after an abort it begins with the first child
+        return child
 
-    return steps
+    def after(child: int, status: int) -> int:
+        nonlocal start, tried
+        following = (child + 1) % count
+        if status == SUCCESS:
+            start = following
+        elif tried < count:
+            tried += 1
+            return following
+        return END
+
+    return _steered(compiler, node, first, after)
 
 
-def recovering(compiler: Compiler, node: Node) -> Steps:
+def recovery(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
     """Runs the second child after a failure of the first, and then the first again."""
-    count = compiler.count(node)
+    count, remaining = compiler.count(node), 0.0
 
-    def steps() -> Generator[int, int, None]:
+    def first() -> int:
+        nonlocal remaining
         remaining = count()
-        while (yield 0) == FAILURE and remaining >= 1:
-            if (yield 1) == FAILURE:
-                return
-            remaining -= 1
+        return 0
 
-    return steps
+    def after(child: int, status: int) -> int:
+        nonlocal remaining
+        if child == 0:
+            return 1 if status == FAILURE and remaining >= 1 else END
+        remaining -= 1
+        return 0 if status == SUCCESS else END
+
+    return _steered(compiler, node, first, after)

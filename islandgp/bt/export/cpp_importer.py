@@ -11,9 +11,10 @@ from typing import Final, NamedTuple, NoReturn, TypeAlias, TypeVar
 
 from islandgp.bt.analysis.context import without_interrupts
 from islandgp.bt.analysis.names import fresh_name
+from islandgp.bt.core.builder import MAX_LEVELS, MAX_NODES
 from islandgp.bt.core.condition import ConditionExpr, opposite, terms
 from islandgp.bt.core.kinds import UNLIMITED
-from islandgp.bt.core.language import MAX_LEVELS, MAX_NODES, parse
+from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import (
     ActionArgs,
     AlwaysArgs,
