@@ -172,7 +172,8 @@ def test_bind_and_ros(case: Any, tmp_path: Path) -> None:
     names = {name for name in vocabulary.actions if name in tree.actions()}
     file.write_text("".join(f"def {n}(keys, **a): return keys.called(**a)\n" for n in names))
     given = {name: {"initial": value} for name, value in values.items()}
-    ros_keys = RosKeys(None, RobotMap.model_validate({"actions": {}, "keys": given}))
+    robot_map = RobotMap.model_validate({"actions": {}, "keys": given})
+    ros_keys = RosKeys(None, robot_map.keys)
     ros_keys.vocabulary = vocabulary
     ros_keys.called = called  # type: ignore[attr-defined]
     leaves = functions(file, ros_keys)

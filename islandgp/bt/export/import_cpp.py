@@ -150,7 +150,7 @@ def _by_ports(importer: Importer, element: Element, tag: str) -> Node:
     name, target = TARGETS[tag]
     kind = KINDS[name]
     pairs = zip(target.ports, kind.arguments, strict=False)
-    args = kind.make_args([_value(importer, element, port, each) for port, each in pairs])
+    args = kind.args(*(_value(importer, element, port, each) for port, each in pairs))
     importer.used.append(args)
     return Node(name, args, importer.nodes(element, kind.children))
 
