@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from islandgp.bt.core.condition import FLAG_OPERATORS, OPERATORS, Condition
-from islandgp.bt.core.engine import ABORTED, compile_tree, condition
+from islandgp.bt.core.engine import ABORTED, compile_tree, condition, ticks_of
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import (
     AGAIN,
@@ -17,7 +17,6 @@ from islandgp.bt.core.node import (
     SUCCESS,
     guard_of,
     thresholds,
-    ticks_of,
 )
 from islandgp.domains.island.vocabulary import VOCABULARY
 from tests.bt import test_set

@@ -328,7 +328,7 @@ def always(_: Compiler, node: Node, __: Observed | None) -> Tick:
     """Has one status."""
     # AGAIN, since no action runs for whose end a simulator could wait.
     assert isinstance(node.args, AlwaysArgs)
-    status = AGAIN if node.args.ends == RUNNING else node.args.ends
+    status = {"success": SUCCESS, "failure": FAILURE, "running": AGAIN}[node.args.status]
     return lambda _fresh: status
 
 

@@ -10,8 +10,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, MutableSequence
 from dataclasses import dataclass, field
+from fractions import Fraction
 from functools import partial
-from math import inf
+from math import ceil, inf
 from typing import Any, Final, NamedTuple, SupportsFloat, TypeAlias, cast
 
 from islandgp.bt.core.condition import Board, Condition, ConditionExpr, assigned_value, condition
@@ -23,7 +24,6 @@ from islandgp.bt.core.node import (
     CountArgs,
     Node,
     SecondsArgs,
-    ticks_of,
 )
 from islandgp.errors import DomainError
 
@@ -57,6 +57,11 @@ class Observed:
         self.guards.append(ObservedGuard(self.branch, slot, holds))
         self.truth.append(None)
         return slot
+
+
+def ticks_of(seconds: float, step_s: SupportsFloat) -> int:
+    """The index of the first tick at or after a time; ticks are `step_s` seconds apart."""
+    return max(1, ceil(Fraction(str(seconds)) / Fraction(str(step_s))))
 
 
 @dataclass(slots=True)

@@ -15,6 +15,7 @@ from islandgp.bt.core.node import (
     COUNTS,
     FAILURE,
     SECONDS,
+    STATUS_NAMES,
     SUCCESS,
     ActionArgs,
     AlwaysArgs,
@@ -297,7 +298,7 @@ KINDS: Final[dict[str, NodeKind]] = {
         arguments=(Argument("status", Sort.WORD, "its status", ALWAYS),),
         tick=closures.always,
         look=Look("\N{BULLET}", "green", "#e3f3df", "#3f7f2f", "round"),
-        statuses=lambda args: frozenset({args.ends}),
+        statuses=lambda args: frozenset({STATUS_NAMES.index(args.status.upper())}),
     ),
     "set": NodeKind(
         meaning="writes a key of the blackboard and succeeds; a tree reads the value at once",

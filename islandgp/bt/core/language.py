@@ -7,7 +7,7 @@ text raises a `TreeError` quickly.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -67,9 +67,7 @@ def parse(
         LimitError: the text is too long, or the tree too deep or too large for any
             limit on trees.
     """
-    builder = Builder(vocabulary, marks=marked)
-    parts = files_of(text, vocabulary, name=name, folder=folder)
-    return _build(builder, parts)
+    return _build(Builder(vocabulary, marks=marked), text, name, folder)
 
 
 def tree_errors(
@@ -81,8 +79,7 @@ def tree_errors(
     """
     errors: list[TreeError] = []
     try:
-        parts = files_of(text, vocabulary, name=name, folder=folder)
-        _build(Builder(vocabulary, errors=errors), parts)
+        _build(Builder(vocabulary, errors=errors), text, name, folder)
     except TreeError as error:
         errors.append(error)
     return list({str(error): error for error in errors}.values())
@@ -118,8 +115,7 @@ def parse_placed(
     `named`: numbers of constants and parameters are printed by their names.
     """
     builder = Builder(vocabulary, marks=True, named=named)
-    parts = files_of(text, vocabulary, name=name, folder=folder)
-    node = _build(builder, parts)
+    node = _build(builder, text, name, folder)
     unused = [
         (kind, token.line, token.column, str(token))
         for kind, token in builder.definitions
@@ -182,8 +178,9 @@ def files_of(
     return parts
 
 
-def _build(builder: Builder, parts: Sequence[ParsedFile]) -> Node:
-    """The tree of `files_of`. Raises LimitError if its canonical text is too long for `parse`."""
+def _build(builder: Builder, text: str, name: str, folder: Path | None) -> Node:
+    """The tree of a text. Raises LimitError if its canonical text is too long for `parse`."""
+    parts = files_of(text, builder.vocabulary, name=name, folder=folder)
     node = builder.build(parts)
     source, tree = parts[-1]
     # Two lines a node, indented by two blanks a level; the words are those of the text.

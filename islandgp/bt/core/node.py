@@ -7,9 +7,8 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from fractions import Fraction
-from math import ceil, inf
-from typing import Final, NamedTuple, SupportsFloat, TypeAlias
+from math import inf
+from typing import Final, NamedTuple, TypeAlias
 
 from islandgp.bt.core.condition import Condition, ConditionExpr, combine, opposite, terms
 from islandgp.errors import LimitError
@@ -78,11 +77,6 @@ class SecondsArgs(NamedTuple):
     seconds: float | str  # of the domain's clock, within SECONDS, or a key
 
 
-def ticks_of(seconds: float, step_s: SupportsFloat) -> int:
-    """The index of the first tick at or after a time; ticks are `step_s` seconds apart."""
-    return max(1, ceil(Fraction(str(seconds)) / Fraction(str(step_s))))
-
-
 Policy: TypeAlias = str | float
 """Number of children that decide a parallel: a key of POLICIES, or a whole number >= 1."""
 
@@ -106,11 +100,6 @@ class AlwaysArgs(NamedTuple):
     """Arguments of an `always`."""
 
     status: str  # success, failure or running
-
-    @property
-    def ends(self) -> int:
-        """The status as a number."""
-        return ("failure", "success", "running").index(self.status)
 
 
 class SetArgs(NamedTuple):
@@ -378,8 +367,7 @@ def replace_at(tree: Node, index: int, new: Node) -> Node:
     for i, child in enumerate(tree.children):
         n = size(child)
         if index < n:
-            child = replace_at(child, index, new)
-            return spliced(tree, i, 1, child)
+            return spliced(tree, i, 1, replace_at(child, index, new))
         index -= n
     raise IndexError("expected an index below the tree's size")
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
-from math import inf
 from typing import Any, Final, TypeAlias
 
 from islandgp.bt.core import unknown
@@ -252,18 +251,13 @@ class NodeBuilder:
         """Raises TreeError unless a key can have a value; the range of a sum is not checked."""
         if key is None or key.choices or any(word.open for word in self.values.values()):
             return
-        low, most, other = key.low, inf if key.most is None else key.most, assigned.other
+        other, number = assigned.other, assigned.number
         whole_keys = {name for name, each in self._keys.items() if each.whole}
-        term = other.term if isinstance(other, Formula) else other or assigned.number
-        if (not other and not low <= assigned.number <= most) or (
-            key.whole and not is_whole(term, whole_keys)
-        ):
-            kind = "a whole number" if key.whole else "a number"
-            raise self.source.error(
-                right,
-                f"{assigned.key} can't be {other or number_text(assigned.number)}",
-                f"{kind} of at least {low:g}" + f" and at most {most:g}" * (most < inf),
-            )
+        term = other.term if isinstance(other, Formula) else other
+        is_fit = not key.whole or is_whole(term, whole_keys) if other else key.can_be(number)
+        if not is_fit:
+            message = f"{assigned.key} can't be {other or number_text(number)}"
+            raise self.source.error(right, message, key.values)
 
     def head(self, tree: Tree) -> tuple[Node, Sequence[Tree]]:
         """A node but a `use`, without its children, and the parse trees of these.

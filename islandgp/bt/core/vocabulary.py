@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from math import inf
 from typing import Annotated, Any, ClassVar, Final, TypeAlias
 
 from pydantic import (
@@ -184,6 +183,20 @@ class Key:
         """The operators of its comparisons: words have no order, and flags no comparison."""
         return () if self.flag else EQUALITY if self.words else OPERATORS
 
+    @property
+    def values(self) -> str:
+        """The values that it can have, in words."""
+        kind = "a whole number" if self.whole else "a number"
+        upper = "" if self.most is None else f" and at most {self.most:g}"
+        return " | ".join(self.choices) or f"{kind} of at least {self.low:g}{upper}"
+
+    def can_be(self, value: float | str) -> bool:
+        """True if it can have a value: a number, or one of its words."""
+        if self.choices or isinstance(value, str):
+            return value in self.choices
+        in_range = self.low <= value and (self.most is None or value <= self.most)
+        return in_range and not (self.whole and value % 1)
+
     def example(self, name: str) -> str:
         """A condition on the key of this name."""
         if self.words:
@@ -262,19 +275,17 @@ def _key_fields(declared: Any) -> Any:
 
 def _checked_key(key: Key) -> Key:
     """Raises ValueError for a key whose fields contradict each other."""
-    words, most, initial = key.choices, inf if key.most is None else key.most, key.initial
+    words = key.choices
     expect(len({*words}) == len(words), "different words", [*words])
     if words:
         is_plain = not (key.flag and (key.words or key.whole))
         expect(is_plain, "flag(...) or enumeration(...)", key.meaning)
-        can_have = initial in words
     else:
         check_range(key, (key.low, key.high, key.step, key.most or 0) if key.whole else ())
-        expect(most > key.low, "most above low", f"{most:g}, {key.low:g}")
-        can_have = not isinstance(initial, str | None) and key.low <= initial <= most
-        can_have &= not (key.whole and can_have and initial % 1)  # type: ignore[operator]
-    kind = " | ".join(words) or f"a number from {key.low:g} to {most:g}"
-    expect(initial is None or can_have, f"{kind} as initial", repr(initial))
+        is_above = key.most is None or key.most > key.low
+        expect(is_above, "most above low", f"{key.most}, {key.low:g}")
+    can_have = key.initial is None or key.can_be(key.initial)
+    expect(can_have, f"{key.values} as initial", repr(key.initial))
     return key
 
 
