@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from functools import lru_cache
+from itertools import chain, product
 from math import ceil, floor, inf, prod
 from typing import Final, TypeAlias
 
@@ -111,31 +112,28 @@ def _consistent(premises: Conditions, expr: ConditionExpr) -> bool:
     """True if there may be a blackboard on which `expr` and all of `premises` hold."""
     # Without some premises the answer can only turn from False to True.
     joint = combine("and", [to_nnf(each) for each in (expr, *premises[:MAX_PREMISES])])
-    return _case_count(joint) > MAX_CASES or _any_case_holds([], [joint])
+    return _case_count(joint) > MAX_CASES or any(map(_satisfiable, _cases(joint)))
 
 
 def _case_count(expr: ConditionExpr) -> int:
-    """The number of conjunctions in the disjunctive normal form of a condition in NNF."""
+    """The number of `_cases`."""
     if isinstance(expr, Condition) or expr.word == "not":
         return 1
     return (prod if expr.word == "and" else sum)(map(_case_count, expr.parts))
 
 
-def _any_case_holds(single: list[Condition], exprs: list[ConditionExpr]) -> bool:
-    """True if all of these conditions, which are in negation normal form, can hold at once.
-
-    `single` are terms that must hold; `exprs` remain to be split into terms.
-    """
-    if not exprs:
-        return _satisfiable(single)
-    first, *others = exprs
-    if isinstance(first, Condition):
-        return _any_case_holds([*single, first], others)
-    if first.word == "not":  # of a division by a key: it may hold
-        return _any_case_holds(single, others)
-    if first.word == "and":
-        return _any_case_holds(single, [*first.parts, *others])
-    return any(_any_case_holds(single, [part, *others]) for part in first.parts)
+def _cases(expr: ConditionExpr) -> Iterator[tuple[Condition, ...]]:
+    """The conjunctions in the disjunctive normal form of a condition in NNF."""
+    if isinstance(expr, Condition):
+        yield (expr,)
+    elif expr.word == "not":  # of a division by a key: it may hold
+        yield ()
+    elif expr.word == "or":
+        for part in expr.parts:
+            yield from _cases(part)
+    else:
+        for parts in product(*map(_cases, expr.parts)):
+            yield tuple(chain.from_iterable(parts))
 
 
 def _satisfiable(conditions: Sequence[Condition]) -> bool:

@@ -30,7 +30,6 @@ next step. Composites and decorators pass AGAIN on like RUNNING; logs, exports a
 
 STATUS_NAMES: Final = ("FAILURE", "SUCCESS", "RUNNING", "RUNNING")
 
-
 Value: TypeAlias = float | str
 """The value of an action's argument: a number, a word or a text; a flag is `yes` or `no`."""
 
@@ -289,9 +288,8 @@ def keys_in(tree: Node) -> tuple[str, ...]:
 
 def written_in(tree: Node) -> frozenset[str]:
     """The keys that a tree writes."""
-    return frozenset(
-        node.args.assigned.key for node in walk(tree) if isinstance(node.args, SetArgs)
-    )
+    sets = (node.args for node in walk(tree) if isinstance(node.args, SetArgs))
+    return frozenset(args.assigned.key for args in sets)
 
 
 def actions_in(tree: Node) -> set[str]:
@@ -311,8 +309,7 @@ def thresholds(tree: Node, key: str) -> tuple[float, ...]:
 
     While the key's value stays strictly between two neighbours, no comparison changes its truth.
     """
-    asked = asked_in(tree)
-    return tuple(sorted({term.number for term in asked if term.single and term.key == key}))
+    return tuple(sorted({t.number for t in asked_in(tree) if t.single and t.key == key}))
 
 
 def compares_keys(tree: Node, key: str) -> bool:
@@ -394,10 +391,8 @@ def within(node: Node, limits: Limits) -> bool:
 
 def check_limits(node: Node, limits: Limits) -> None:
     """Raises LimitError if a tree is too deep or too large."""
-    for unit, value, limit in (
-        ("level", depth(node), limits.max_depth),
-        ("node", size(node), limits.max_nodes),
-    ):
+    levels, nodes = ("level", depth(node), limits.max_depth), ("node", size(node), limits.max_nodes)
+    for unit, value, limit in (levels, nodes):
         if value > limit:
             raise LimitError(
                 f"Expected a tree of at most {limit} {unit}{'s' * (limit != 1)}, found {value};"

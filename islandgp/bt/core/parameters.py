@@ -29,8 +29,17 @@ from pydantic import (
     ValidationError,
 )
 
+from islandgp.bt.core.condition import FLAG_OPERATORS, OPERATORS, Condition
 from islandgp.bt.core.kinds import NAME, RESERVED
-from islandgp.bt.core.node import ActionArgs, Node, Value
+from islandgp.bt.core.node import (
+    FAILURE,
+    RUNNING,
+    STATUS_NAMES,
+    SUCCESS,
+    ActionArgs,
+    Node,
+    Value,
+)
 from islandgp.errors import DomainError
 
 NO_YES: Final = ("no", "yes")
@@ -71,6 +80,61 @@ Identifier: TypeAlias = Annotated[str, AfterValidator(_identifier)]
 Name: TypeAlias = Annotated[str, AfterValidator(_name)]
 CHECKED: Final = ConfigDict(extra="forbid", revalidate_instances="always")
 """How `validated` reads the fields of a declaration."""
+
+
+STATUSES: Final = frozenset({FAILURE, SUCCESS, RUNNING})
+
+
+def is_name(word: object) -> bool:
+    """True if a word is a valid name of an action or a key."""
+    return isinstance(word, str) and NAME.fullmatch(word) is not None and word not in RESERVED
+
+
+def _statuses(declared: Any) -> Any:
+    """Statuses from their names."""
+    if isinstance(declared, str) or not isinstance(declared, Collection):
+        return declared
+    numbers = [STATUS_NAMES.index(s) if s in STATUS_NAMES else s for s in declared]
+    is_known = numbers and STATUSES.issuperset(numbers)
+    expect(is_known, "statuses among FAILURE, SUCCESS and RUNNING", [*declared])
+    return numbers
+
+
+def _condition(declared: Any) -> Condition:
+    """A condition from a list of a key, an operator and a right side: a number, word or key."""
+    if isinstance(declared, Condition):
+        return declared
+    is_triple = isinstance(declared, list | tuple) and len(declared) == 3
+    expect(is_triple, "a key, an operator, and a number, word or key", declared)
+    key, operator, right = declared
+    operators = (*OPERATORS, *FLAG_OPERATORS)
+    expect(operator in operators, f"one of {', '.join(operators)}", repr(operator))
+    is_word = isinstance(right, str)
+    return Condition(key, operator, 0.0 if is_word else float(right), right if is_word else "")
+
+
+def _word(word: str) -> str:
+    is_word = is_name(word) or (not NAME.fullmatch(word) and is_text(word))
+    expect(is_word, "words that are names, or lines of text without double quotes", repr(word))
+    return word
+
+
+Word: TypeAlias = Annotated[str, AfterValidator(_word)]
+Statuses: TypeAlias = Annotated[
+    frozenset[Annotated[int, Strict()]],
+    BeforeValidator(_statuses),
+    PlainSerializer(lambda statuses: [STATUS_NAMES[each] for each in sorted(statuses)]),
+]
+Conditions: TypeAlias = tuple[
+    Annotated[
+        Condition,
+        PlainValidator(_condition),
+        PlainSerializer(
+            lambda c: [c.key, c.operator, c.other or getattr(c.number, "name", c.number)]
+        ),
+    ],
+    ...,
+]
 
 
 @dataclass(frozen=True, slots=True)

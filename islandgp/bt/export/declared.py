@@ -34,6 +34,7 @@ from islandgp.bt.core.parameters import (
     Parameter,
     adapter,
     first_fault,
+    is_name,
     real,
     switch,
     whole,
@@ -46,7 +47,6 @@ from islandgp.bt.core.vocabulary import (
     Vocabulary,
     condition_leaf,
     enumeration,
-    is_name,
 )
 from islandgp.bt.export.cpp_importer import GATES
 from islandgp.bt.export.import_cpp import args_of

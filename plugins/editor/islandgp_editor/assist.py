@@ -17,10 +17,10 @@ from islandgp.bt.core.condition import OPERATORS
 from islandgp.bt.core.includes import find_includes
 from islandgp.bt.core.kinds import KEYWORDS, KINDS
 from islandgp.bt.core.node import STATUS_NAMES
-from islandgp.bt.core.parameters import Parameter, signature, value_range
+from islandgp.bt.core.parameters import STATUSES, Parameter, signature, value_range
 from islandgp.bt.core.printer import condition_text
 from islandgp.bt.core.syntax_errors import following
-from islandgp.bt.core.vocabulary import NAME, STATUSES, Action, Key, Vocabulary
+from islandgp.bt.core.vocabulary import NAME, Action, Key, Vocabulary
 from islandgp_editor.names import Word, code_words, words_of
 
 Sort: TypeAlias = Literal["action", "key", "word", "subtree", "number"]

@@ -14,7 +14,8 @@ from islandgp.bt.analysis.context import leaf_statuses, root_context
 from islandgp.bt.core.condition import ConditionExpr, opposite
 from islandgp.bt.core.kinds import advance_status, is_opaque, kind_of
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, ParallelArgs, count_of
-from islandgp.bt.core.vocabulary import STATUSES, Vocabulary
+from islandgp.bt.core.parameters import STATUSES
+from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp_verify.board_outcomes import Outcomes, parallel_outcomes, repeated, turned
 from islandgp_verify.boards import ANY_BOARD, NO_BOARD, Boards, BoardSets
 
