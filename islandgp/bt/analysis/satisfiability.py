@@ -11,7 +11,6 @@ from typing import Final, TypeAlias
 from islandgp.bt.core.arithmetic import Formula, bounds
 from islandgp.bt.core.condition import (
     WHOLE,
-    Compound,
     Condition,
     ConditionExpr,
     combine,
@@ -20,6 +19,7 @@ from islandgp.bt.core.condition import (
     rounded,
     terms,
     to_nnf,
+    with_terms,
 )
 from islandgp.bt.core.vocabulary import Vocabulary
 
@@ -67,10 +67,8 @@ def shortened(expr: ConditionExpr, premises: Conditions) -> ConditionExpr:
 
 def without_decimals(expr: ConditionExpr, vocabulary: Vocabulary) -> ConditionExpr:
     """The condition with the thresholds of whole numbers rounded, where its value stays equal."""
-    if isinstance(expr, Compound):
-        return expr._replace(parts=tuple(without_decimals(p, vocabulary) for p in expr.parts))
-    key = vocabulary.keys.get(expr.key)
-    return rounded(expr) if key is not None and key.whole else expr
+    whole = {name for name, key in vocabulary.keys.items() if key.whole}
+    return with_terms(expr, lambda term: rounded(term) if term.key in whole else term) or expr
 
 
 def _word_count(expr: ConditionExpr) -> int:

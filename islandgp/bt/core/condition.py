@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from functools import lru_cache
+from itertools import count
 from math import ceil, floor
 from typing import Any, Final, NamedTuple, TypeAlias
 
@@ -167,19 +168,25 @@ def terms(expr: ConditionExpr) -> Iterator[Condition]:
             yield from terms(part)
 
 
-def with_term(expr: ConditionExpr, index: int, new: ConditionExpr | None) -> ConditionExpr | None:
-    """Replace single condition number `index`, from 0, or remove it; None if nothing is left."""
+def with_terms(
+    expr: ConditionExpr, change: Callable[[Condition], ConditionExpr | None]
+) -> ConditionExpr | None:
+    """Replace each single condition by what `change` makes of it; None if nothing is left.
+
+    `change` returns None to remove a condition. It is called in the order of the conditions.
+    """
     if isinstance(expr, Condition):
-        return new if index == 0 else expr
-    parts: list[ConditionExpr] = []
-    for part in expr.parts:
-        count = sum(1 for _ in terms(part))
-        changed = with_term(part, index, new) if 0 <= index < count else part
-        parts += [] if changed is None else [changed]
-        index -= count
+        return change(expr)
+    parts = [part for each in expr.parts if (part := with_terms(each, change)) is not None]
     if not parts:
         return None
     return negate(parts[0]) if expr.word == "not" else combine(expr.word, parts)
+
+
+def with_term(expr: ConditionExpr, index: int, new: ConditionExpr | None) -> ConditionExpr | None:
+    """Replace single condition number `index`, from 0, or remove it; None if nothing is left."""
+    places = count()
+    return with_terms(expr, lambda term: new if next(places) == index else term)
 
 
 def condition(
