@@ -22,8 +22,8 @@ from islandgp.bt.core.condition import OPERATORS
 from islandgp.bt.core.includes import MAX_FILES
 from islandgp.bt.core.kind import NodeKind, Sort
 from islandgp.bt.core.kinds import ABORTS, COUNTED, COUNTS, KINDS, POLICIES, SECONDS, TIMED
-from islandgp.bt.core.language import MAX_CHARACTERS, MAX_NUMBER
-from islandgp.bt.core.node_builder import MAX_NESTED, MAX_OPERANDS, MAX_TERMS
+from islandgp.bt.core.language import MAX_CHARACTERS
+from islandgp.bt.core.node_builder import MAX_NESTED, MAX_NUMBER, MAX_OPERANDS, MAX_TERMS
 from islandgp.commands.setting import configured
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.running.app import main
