@@ -68,7 +68,6 @@ CASES: Final[dict[str, tuple[Any, ...]]] = {
     "flag key, declared": key("not k", False, flag=True),
     "number key": key("k < 2.5", 2, low=0, high=9.5),
     "number key, declared": key("k > -1", 0, flag=False, low=-3, high=9, step=0.5, most=20),
-    "noisy key": key("k >= 0.25", 1, low=0, high=1, step=0.25, noise=0.1),
     "whole key": key("k == 3", 3, low=0, high=9, whole=True),
     "key of words": key("k == fast", "fast", words=["slow", "fast"]),
     "key of texts": key('k != "a b"', "c", words=["a b", "c"]),
