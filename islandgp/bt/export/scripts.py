@@ -95,8 +95,8 @@ def _read(read: Callable[[], T], code: str) -> T:
         return read()
     except TreeError as error:
         first, _, _, *hints = str(error).splitlines()  # without the line and its caret
-        message = "; ".join([_PLACE.sub("", first), *hints])
-        raise ValueError(f"{message}, in {shown(code.strip())}") from None
+        message = " ".join([f"{_PLACE.sub('', first)}.", *hints])
+        raise ValueError(f"in {shown(code.strip())}: {message}") from None
 
 
 def quoted(text: str) -> str:
