@@ -35,6 +35,7 @@ class Stream(IntEnum):
     TUNING = 14  # worlds in which thresholds are tuned, by slot; generation 1: the draws of CMA-ES
     SEARCH = 15  # a search's own draws, by generation and slot
     ARCHIVE = 16  # worlds in which elites are challenged, by generation and slot
+    PERTURBATION = 18  # of a world, by its seed; slot 0: its settings, 1: its sensors
     PRUNING = 19  # worlds in which the best robot is shortened, by slot; generation: the purpose
     JUDGING = 20  # of a plug-in: draws and worlds, by population and slot; the seed is 0
     ORDER = 21  # orders of the children of a random selector, by its place in the tree

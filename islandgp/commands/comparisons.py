@@ -71,6 +71,8 @@ def best_command(
             f"Means over {worlds} test worlds of the last stage; differences are to the first tree."
             " Training and selection used other worlds."
         )
+        if "perturbed" in frame:
+            note += "\nPerturbed: mean and worst in the same worlds after their perturbation."
     if output is not None:
         write_text(output, best["tree"])
     if as_json:

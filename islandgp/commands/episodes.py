@@ -75,7 +75,8 @@ def play_command(
 
     For one tree, the output has the counters of each world, the components of the
     fitness, and the quality tiers (Table 4 of the paper). Several trees are compared in
-    the same worlds, by the paired differences to the first. Evolution uses other seeds.
+    the same worlds, by the paired differences to the first. Evolution uses other seeds. If the
+    configuration perturbs worlds (--set 'perturb=...'), the episodes run in perturbed ones.
     """
     with tree_trials(files[0], episode, len(files) * seeds) as trials:
         settings, schema = trials.settings, trials.problem.domain.schema
@@ -108,6 +109,8 @@ def play_command(
         )
     if settings.constraints:
         console.print(f"Constraints: {in_words(settings.constraints)}.")
+    if settings.perturb:
+        console.print(f"Perturbed: {settings.perturb.in_words()}.")
 
 
 def _worlds(outcomes: Sequence[Outcome], schema: Schema, settings: Settings) -> Iterator[Column]:

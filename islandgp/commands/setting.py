@@ -169,7 +169,7 @@ def _configured_vocabulary(
     overrides: Sequence[str], config_dir: str | Path | None, in_world: bool
 ) -> Vocabulary:
     """The vocabulary of a composed configuration's domain, as for `vocabulary_of`."""
-    from islandgp.scoring.curriculum import staged
+    from islandgp.evaluation.perturbation import staged
 
     settings = configured(overrides, config_dir)
     domain = settings.make_domain()
@@ -251,6 +251,8 @@ def recorded(file: str, seed: int, episode: EpisodeOptions) -> Recording:
 def tree_trials(file: str, episode: EpisodeOptions, episodes: int) -> Iterator[TreeTrials]:
     """The tree in a file, ready for about so many episodes, with a progress bar on a terminal.
 
+    If the configuration perturbs worlds, episodes run in perturbed ones.
+
     Raises:
         ConfigError, DomainError: the configuration is invalid, or the tree is for another domain.
         TreeError: the file is not a tree of the domain.
@@ -262,14 +264,14 @@ def tree_trials(file: str, episode: EpisodeOptions, episodes: int) -> Iterator[T
     from islandgp.running.parts import make_evaluator
 
     source, tree, settings, problem, stage = _prepared(file, episode)
-    evaluator = settings.evaluator
+    perturbed, evaluator = settings.perturb is not None, settings.evaluator
     made: Evaluator
     if episodes < 12:  # faster than starting processes
-        made = Serial(settings.problem(), episode_timeout=episode.timeout)
+        made = Serial(settings.problem(perturbed=perturbed), episode_timeout=episode.timeout)
     else:
         policy = {**evaluator.policy, "episode_timeout": episode.timeout}
         changed = {"evaluator": evaluator.model_copy(update={"policy": policy})}
-        made = make_evaluator(settings.model_copy(update=changed))
+        made = make_evaluator(settings.model_copy(update=changed), perturbed=perturbed)
     console = Console(stderr=True)
     columns = (BarColumn(20), MofNCompleteColumn(), TextColumn("episodes"))
     bar = Progress(*columns, console=console, disable=not console.is_terminal, transient=True)

@@ -64,6 +64,9 @@ def compared_trees(
         if name == "feasible" or name.startswith("reached."):
             heading = title(name.removeprefix("reached."))
             yield heading.replace("Feasible", "constraints kept"), [f"{x:.0%}" for x in rows[name]]
+    for heading, name in (("perturbed", "perturbed"), ("worst", "perturbed_worst")):
+        if name in rows:
+            yield heading, [*rows[name]]
     for name, heading in counters:
         yield heading, [*rows[f"counters.{name}"]]
 

@@ -43,6 +43,9 @@ if TYPE_CHECKING:
 
 Make = Callable[[Problem], Evaluator]
 
+PERTURBED = "perturbed"
+"""Column of points in perturbed worlds."""
+
 
 def unseen_worlds(study: Comparison, n: int) -> tuple[int, ...]:
     """The first n world seeds of a separate stream that no run of the study used.
@@ -85,7 +88,7 @@ def library_trees(config: Mapping[str, Any], *, for_targets: bool = True) -> dic
 def in_worlds(
     trees: Sequence[str],
     make: Make,
-    problem: Problem,
+    problems: tuple[Problem, Problem | None],
     stage: int,
     worlds: Sequence[int],
     classes: Classes,
@@ -96,21 +99,27 @@ def in_worlds(
     Args:
         trees: distinct texts.
         make: creates an evaluator.
-        problem: of the episodes.
+        problems: the second one has perturbed worlds; None: without them.
         stage: index of the curriculum's stage.
         worlds: seeds.
         classes: define the tiers.
         constraints: of the counters.
 
     Returns:
-        As `episode_frame`.
+        As `episode_frame`, with `perturbed` (points in the perturbed world).
 
     Raises:
         EvaluationError: an episode cannot be run.
     """
-    with closing(make(problem)) as evaluator:
-        outcomes = evaluated(evaluator, trees, stage, worlds)
-    return episode_frame(trees, outcomes, classes, constraints)
+
+    def outcomes(problem: Problem) -> list[list[Outcome]]:
+        with closing(make(problem)) as evaluator:
+            return evaluated(evaluator, trees, stage, worlds)
+
+    frame = episode_frame(trees, outcomes(problems[0]), classes, constraints)
+    if problems[1] is not None:
+        frame[PERTURBED] = [o.fitness for own in outcomes(problems[1]) for o in own]
+    return frame
 
 
 def episode_frame(
@@ -140,9 +149,12 @@ def episode_frame(
 
 
 def summarised(episodes: DataFrame) -> DataFrame:
-    """The means over the worlds by tree, and the lowest points as `worst`."""
+    """The means over the worlds by tree, and the lowest points as `worst`, `perturbed_worst`."""
     by_tree = episodes.drop(columns="world").groupby("tree", sort=False)
-    return by_tree.mean().assign(worst=by_tree["points"].min())
+    means = by_tree.mean().assign(worst=by_tree["points"].min())
+    if PERTURBED in episodes:
+        means[f"{PERTURBED}_worst"] = by_tree[PERTURBED].min()
+    return means
 
 
 def compared(episodes: DataFrame) -> DataFrame:
@@ -188,9 +200,9 @@ def evaluate_champions(
     texts = [*everyone["tree"].unique()]
     results = []
     for task in study.tasks:
-        problem = problem_of(task.run)
-        stage = len(problem.curriculum.stages) - 1
-        found = in_worlds(texts, make, problem, stage, seeds, task.run.classes)
+        problems = problem_of(task.run), perturbed_problem(task.run.config)
+        stage = len(problems[0].curriculum.stages) - 1
+        found = in_worlds(texts, make, problems, stage, seeds, task.run.classes)
         rows = everyone.join(summarised(found), on="tree")
         results.append(rows.assign(task=task.label, own=rows["arm"].isin(task.arms)))
     return concat(results, ignore_index=True)
@@ -213,6 +225,11 @@ def problem_of(run: Run) -> Problem:
             f" {brief(error)}; install it, or leave the unseen worlds out with"
             " --worlds 0."
         ) from error
+
+
+def perturbed_problem(config: Mapping[str, Any]) -> Problem | None:
+    """The problem of a run's perturbed worlds; None if its configuration has none."""
+    return None if config.get("perturb") is None else Problem.recorded(config, perturbed=True)
 
 
 def champion_measures(study: Comparison) -> tuple[Measure, ...]:
@@ -265,7 +282,7 @@ def finished_runs(path: Path) -> tuple[list[RunFolder], list[str]]:
     first = runs[0].configuration()
     for run in runs[1:]:
         config = run.configuration()
-        for group in sorted({*TASK, "constraints"}):
+        for group in sorted({*TASK, "constraints", "perturb"}):
             if (first.get(group) or {}) != (config.get(group) or {}):
                 raise RunError(
                     f"Expected runs with the same {group}, found different ones in"
@@ -302,7 +319,8 @@ def best_trees(runs: Sequence[RunFolder], make: Make, worlds: int) -> DataFrame:
     names = _names(runs, [candidate for candidate, _ in finalists[:3]])
     labels = library_trees(config, for_targets=False) | names
     order = dict.fromkeys([*names, *labels])
-    rows = compared(in_worlds([*order], make, problem, stage, test, classes, constraints))
+    problems = problem, perturbed_problem(config)
+    rows = compared(in_worlds([*order], make, problems, stage, test, classes, constraints))
     return rows.reset_index().assign(
         name=[labels[tree] for tree in order], evolved=[tree in names for tree in order]
     )

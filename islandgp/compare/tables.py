@@ -169,6 +169,9 @@ def unseen_table(study: Comparison, tested: DataFrame) -> DataFrame:
     table["IQM"] = by_arm["points"].agg(lambda v: number(float(trim_mean(v, 0.25))))
     table["worst world"] = by_arm["worst"].min().map(number)
     table["trained (points)"] = [trained.get(arm, NONE) for arm in table.index]
+    if "perturbed" in tested:
+        table["perturbed (points)"] = by_arm["perturbed"].agg(spread)
+        table["worst perturbed"] = by_arm["perturbed_worst"].min().map(number)
     for tier in study.classes.milestones:
         share = by_arm[f"reached.{tier}"].mean().map(percent)
         table[f"{title(tier)} in"] = share + " of the worlds"

@@ -23,6 +23,7 @@ from islandgp.config.errors import error_lines
 from islandgp.domain import Domain, RewardTable, Schema
 from islandgp.errors import ConfigError
 from islandgp.evaluation.base import Problem
+from islandgp.evaluation.perturbation import Perturbation, staged
 from islandgp.evolution.prune import Pruning
 from islandgp.gp.archive import ArchiveSettings
 from islandgp.gp.plan import GP, Budget, Plan, Stop, Switches, is_read
@@ -38,7 +39,7 @@ from islandgp.plugin import (
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import Bound
 from islandgp.scoring.constraints import faults as constraint_faults
-from islandgp.scoring.curriculum import Curriculum, staged
+from islandgp.scoring.curriculum import Curriculum
 from islandgp.search.base import SEARCHES, USES
 from islandgp.search.breeding import Breeding
 from islandgp.supervision.base import SUPERVISES
@@ -152,6 +153,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     search: SearchSettings
     allocation: Any = Field(default={}, validate_default=True)  # the search's own Allocation
     archive: ArchiveSettings = ArchiveSettings()
+    perturb: Perturbation | None = None  # docs/domains.md
     constraints: dict[str, Bound] = Field(default_factory=dict)  # limits by counter of the domain
     supervisor: SupervisorSettings
     evaluator: EvaluatorSettings
@@ -198,11 +200,18 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
                 )
         return domain
 
-    def problem(self) -> Problem:
-        """The problem of the run: the domain, and the worlds of the curriculum's stages."""
+    def problem(self, *, perturbed: bool | None = None) -> Problem:
+        """The problem of the run: the domain, and the worlds of the curriculum's stages.
+
+        `perturbed`: True: episodes run in perturbed worlds, which must be configured; None: as in
+        training.
+        """
         factory = self.domain.factory
+        if perturbed is None:
+            perturbed = self.perturb is not None and self.perturb.training
+        perturbation = self.perturb if perturbed else None
         with plugin_errors(path_of(factory)):
-            problem = Problem.of(factory, self.world, self.rewards, self.curriculum)
+            problem = Problem.of(factory, self.world, self.rewards, self.curriculum, perturbation)
         return replace(problem, observer=getattr(self.search.factory, "observer", None))
 
     def plan(self, domain: Domain) -> Plan:
@@ -302,6 +311,10 @@ def _faults(settings: Settings) -> Iterator[str]:
             yield from search.faults(schema)
     yield from settings.archive.faults(schema)
     yield from constraint_faults(settings.constraints, schema)
+    if settings.perturb is not None:
+        factory = settings.domain.factory
+        with plugin_errors(path_of(factory)):
+            yield from settings.perturb.faults(factory, settings.world, settings.rewards, schema)
 
 
 def _staged_worlds(settings: Settings, schema: Schema) -> Iterator[str]:

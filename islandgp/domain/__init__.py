@@ -29,6 +29,7 @@ from islandgp.bt.core.vocabulary import enumeration as enumeration
 from islandgp.bt.core.vocabulary import flag as flag
 from islandgp.bt.core.vocabulary import integer as integer
 from islandgp.bt.core.vocabulary import number as number
+from islandgp.domain.contract import MAX_DELAY as MAX_DELAY
 from islandgp.domain.contract import Counter as Counter
 from islandgp.domain.contract import Domain as Domain
 from islandgp.domain.contract import Event as Event
@@ -45,6 +46,8 @@ from islandgp.domain.contract import wants_scenes as wants_scenes
 from islandgp.domain.rewards import EventLog as EventLog
 from islandgp.domain.rewards import Reward as Reward
 from islandgp.domain.rewards import RewardTable as RewardTable
+from islandgp.domain.sensors import SensorFaults as SensorFaults
+from islandgp.domain.sensors import Sensors as Sensors
 from islandgp.domain.simulator import Simulation as Simulation
 from islandgp.domain.simulator import SimulatorDomain as SimulatorDomain
 from islandgp.domain.simulator import once_a_thread as once_a_thread

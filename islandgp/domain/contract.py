@@ -9,9 +9,9 @@ from dataclasses import dataclass, field, replace
 from functools import reduce
 from inspect import get_annotations
 from operator import add
-from typing import Any, ClassVar, Literal, NamedTuple, Protocol, Self
+from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, Protocol, Self
 
-from pydantic import BaseModel
+from pydantic import BaseModel, Field
 
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.parameters import validated
@@ -46,6 +46,9 @@ class ShapeStyle:
     colour: str = "#888888"
 
 
+MAX_DELAY: Final = 10_000  # ticks
+
+
 @dataclass(frozen=True, slots=True)
 class Schema:
     """The declarations of a domain. Records and tables keep the order of the mappings.
@@ -65,6 +68,8 @@ class Schema:
     endings: Mapping[str, str] = field(default_factory=dict)
     """Meaning of each reason why an episode ended (`Outcome.endings`); for prompts."""
     styles: Mapping[str, ShapeStyle] = field(default_factory=dict)  # by Shape.style; {}: not drawn
+    delay: Annotated[int, Field(ge=0, le=MAX_DELAY)] = 0
+    """Ticks by which perturbed worlds may delay what the tree sees, at most."""
 
     def __post_init__(self) -> None:
         """Checks the declarations; without counters, declares one per event."""
@@ -75,7 +80,7 @@ class Schema:
                     f" none; declare it in its Schema."
                 )
         kinds = get_annotations(Schema, eval_str=True)
-        for name in ("components", "events", "counters", "habits", "endings", "styles"):
+        for name in ("components", "events", "counters", "habits", "endings", "styles", "delay"):
             where = f"the {name} of the domain {self.vocabulary.domain}"
             validated(kinds[name], getattr(self, name), where)
         if not self.counters:
@@ -246,6 +251,8 @@ class Domain(Protocol):
 
     Optional methods:
 
+    - `with_sensors(faults)` returns the domain with `sensors.SensorFaults` between the world and
+      the blackboard. Required if a key declares noise or the schema a delay.
     - `vocabulary_in(worlds)`, a class method, returns the vocabulary with the conditions
       (`to_start`, `to_succeed`) that hold in all of these worlds, if they depend on the settings.
       `check` bases its warnings on it.

@@ -17,6 +17,7 @@ episode's end, is closed, so that its `finally` runs.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
+from copy import copy
 from functools import cache, wraps
 from math import isfinite
 from operator import ge, le
@@ -30,6 +31,7 @@ from islandgp.bt.core.node import ActionArgs, Node
 from islandgp.domain.checks import ANY_NUMBER, ValueRange, must_be_numbers, no_ending
 from islandgp.domain.contract import Observer, Outcome, Schema, wants_scenes
 from islandgp.domain.rewards import EventLog, RewardTable
+from islandgp.domain.sensors import SensorFaults
 from islandgp.leaves import Leaf, LeafRunner
 from islandgp.time_limit import Overdue
 
@@ -86,6 +88,7 @@ class SimulatorDomain:
     Episode: ClassVar[Callable[[Any, int, EventLog], Simulation]]
     schema: Schema
     step_s: float = 1.0  # simulated s of a tick
+    faults: SensorFaults | None = None  # between the world and the blackboard
 
     def __init__(self, world: Any, rewards: RewardTable) -> None:
         self.world = world
@@ -95,6 +98,12 @@ class SimulatorDomain:
     def make(cls, world: Any, rewards: RewardTable) -> Self:
         """See `Domain`."""
         return cls(world, rewards)
+
+    def with_sensors(self, faults: SensorFaults) -> Self:
+        """See `Domain`."""
+        changed = copy(self)
+        changed.faults = faults
+        return changed
 
     def about(self, seed: int | None = None) -> str:  # noqa: ARG002 -- for domains of many worlds
         """See `Domain`."""
@@ -152,10 +161,12 @@ class SimulatorDomain:
         tick = compile_tree(
             tree, runner_of, board, key_index, watch=watch, step_s=self.step_s, seed=seed
         )
-        read = self.reader(episode)
+        read, see = self.reader(episode), None
+        if self.faults is not None:
+            see = self.faults.sensors(sensed, seed)
         done, ending, most = 0, "", self.world.ticks
         while not ending and done < most:
-            values = read()
+            values = read() if see is None else see(read())
             if initial:
                 for place, value in zip(places, values, strict=True):
                     board[place] = value

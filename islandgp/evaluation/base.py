@@ -12,10 +12,16 @@ from islandgp.bt.core.node import Node
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.domain import Domain, Observer, Outcome, prepare
 from islandgp.errors import RAISE_LIMIT, EvaluationError, RunError, TimeLimitError, brief
+from islandgp.evaluation.perturbation import (
+    Perturbation,
+    PerturbedWorlds,
+    recorded_perturbation,
+    staged,
+)
 from islandgp.gate import must_be_known_code
 from islandgp.plain import DECODE_ERRORS
 from islandgp.plugin import imported, raised_in
-from islandgp.scoring.curriculum import Curriculum, staged
+from islandgp.scoring.curriculum import Curriculum
 from islandgp.time_limit import time_limit
 
 
@@ -44,6 +50,7 @@ class Problem:
     domain: Domain
     curriculum: Curriculum
     stages: tuple[Domain, ...] = ()  # by stage, if stages change the world; () otherwise
+    perturbed: PerturbedWorlds | None = None  # perturbed worlds to run in; None: as configured
     observer: Callable[[Node, Vocabulary], EpisodeObserver] | None = None
     """Makes the observer of a tree's episode, whose result is `Outcome.observed`."""
 
@@ -54,6 +61,7 @@ class Problem:
         world: Any,
         rewards: Any,
         curriculum: Curriculum,
+        perturbation: Perturbation | None = None,
     ) -> Self:
         """Makes the problem from configuration.
 
@@ -62,6 +70,7 @@ class Problem:
             world: settings of its world.
             rewards: settings of its rewards.
             curriculum: its stages may change settings of the world.
+            perturbation: of the worlds in which episodes run; None: unperturbed.
 
         Returns:
             The problem.
@@ -71,17 +80,22 @@ class Problem:
             pydantic.ValidationError: a stage sets the world to invalid values.
         """
         stages: tuple[Domain, ...] = ()
+        worlds = tuple(staged(world, stage.world) for stage in curriculum.stages)
         if any(stage.world for stage in curriculum.stages):
-            worlds = (staged(world, stage.world) for stage in curriculum.stages)
             stages = tuple(factory.make(each, rewards) for each in worlds)
-        return cls(factory.make(world, rewards), curriculum, stages)
+        perturbed = None
+        if perturbation is not None:
+            perturbed = PerturbedWorlds(perturbation, factory, worlds, rewards)
+        return cls(factory.make(world, rewards), curriculum, stages, perturbed)
 
     @classmethod
-    def recorded(cls, config: Mapping[str, Any]) -> Self:
+    def recorded(cls, config: Mapping[str, Any], *, perturbed: bool | None = None) -> Self:
         """Makes the problem of a recorded run from its configuration.
 
         Args:
             config: the run's configuration as plain values.
+            perturbed: True: episodes run in the run's perturbed worlds, which it must have;
+                False: in unperturbed ones; None: as in training.
 
         Returns:
             The problem.
@@ -90,13 +104,17 @@ class Problem:
             RunError: the configuration is damaged.
             UntrustedError: it names code that the user's configuration does not name.
         """
-        groups = ("domain", "world", "rewards", "curriculum")
+        groups = ("domain", "world", "rewards", "curriculum", "perturb")
         must_be_known_code({key: config.get(key) for key in groups})
         try:
             factory = imported(config["domain"]["factory"])
             world = factory.World.model_validate(config["world"])
             rewards = factory.Rewards.model_validate(config["rewards"])
-            return cls.of(factory, world, rewards, Curriculum(**config["curriculum"]))
+            perturbation = recorded_perturbation(config)
+            if perturbed is None:
+                perturbed = perturbation is not None and perturbation.training
+            curriculum = Curriculum(**config["curriculum"])
+            return cls.of(factory, world, rewards, curriculum, perturbation if perturbed else None)
         except DECODE_ERRORS as error:
             raise RunError(
                 f"Expected the configuration of a run, found a damaged one ({brief(error)}); run"
@@ -107,10 +125,18 @@ class Problem:
         """The domain of a stage's index."""
         return self.stages[stage] if self.stages else self.domain
 
+    def in_world(self, stage: int, seed: int) -> Domain:
+        """The domain in which an episode runs, perturbed if the problem is.
+
+        Raises:
+            ConfigError, pydantic.ValidationError: the domain does not accept a perturbed world.
+        """
+        return self.at(stage) if self.perturbed is None else self.perturbed.domain(stage, seed)
+
     def run(self, stage: int) -> Callable[[Node, int, Observer | None], Outcome]:
         """A function that runs the episode of a tree in the world of a seed, in this process."""
         weights = self.curriculum.multipliers(stage)
-        return lambda tree, seed, observer: self.at(stage).run_episode(
+        return lambda tree, seed, observer: self.in_world(stage, seed).run_episode(
             tree, seed, weights, observer
         )
 
@@ -183,7 +209,7 @@ def simulate(problem: Problem, job: Job, limit: float = 0) -> Outcome:
         tree = job.node or _tree(job.tree, problem.domain.schema.vocabulary)
         prepare(problem.domain)
         with time_limit(limit):
-            domain = problem.at(job.stage)
+            domain = problem.in_world(job.stage, job.seed)
             observer = problem.observer and problem.observer(tree, domain.schema.vocabulary)
             outcome = in_floats(domain.run_episode(tree, job.seed, weights, observer))
     except TimeLimitError as late:

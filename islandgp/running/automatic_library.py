@@ -20,10 +20,10 @@ from islandgp.bt.core.node import Node, size
 from islandgp.config.settings import Settings
 from islandgp.domain import Domain
 from islandgp.evaluation.base import Evaluator
+from islandgp.evaluation.perturbation import staged
 from islandgp.evolution.single_behaviours import single_behaviours
 from islandgp.plain import from_json, read_json
 from islandgp.running.resume import domain_code
-from islandgp.scoring.curriculum import staged
 from islandgp.supervision.library import Library
 
 SEARCH: Final = 4

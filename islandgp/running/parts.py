@@ -282,8 +282,8 @@ def make_search(settings: Settings, plan: Plan) -> Search:
     return search
 
 
-def make_evaluator(settings: Settings) -> Evaluator:
-    """Makes the configured evaluator."""
-    part, problem = settings.evaluator, settings.problem()
+def make_evaluator(settings: Settings, *, perturbed: bool | None = None) -> Evaluator:
+    """Makes the configured evaluator; `perturbed` as in `Settings.problem`."""
+    part, problem = settings.evaluator, settings.problem(perturbed=perturbed)
     evaluator: Evaluator = part.factory.make(part.settings(), problem)
     return Cached(evaluator) if part.cache else evaluator

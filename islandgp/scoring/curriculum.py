@@ -67,21 +67,3 @@ class Curriculum(BaseModel, frozen=True, extra="forbid"):
         """
         named = (name for each in self.stages for name in each.multipliers)
         return {**dict.fromkeys(named, 1.0), **self.stages[stage].multipliers}
-
-
-def staged(world: BaseModel, changes: Mapping[str, Any]) -> BaseModel:
-    """The settings of a world with changes, nested or by dotted name.
-
-    Raises pydantic.ValidationError if they are invalid.
-    """
-    return type(world).model_validate(_changed(world.model_dump(), changes)) if changes else world
-
-
-def _changed(settings: Any, changes: Mapping[str, Any]) -> dict[str, Any]:
-    changed = {**settings} if isinstance(settings, Mapping) else {}
-    for name, value in changes.items():
-        first, _, rest = name.partition(".")
-        inner = {rest: value} if rest else value
-        nested = isinstance(inner, Mapping)
-        changed[first] = _changed(changed.get(first), inner) if nested else inner
-    return changed

@@ -73,7 +73,7 @@ def record(tree: Node, problem: Problem, *, seed: int, stage: int, limit: float 
         TimeLimitError: the episode took longer.
         DomainError: the domain shows something undeclared, or a value that is not a number.
     """
-    domain = problem.at(stage)
+    domain = problem.in_world(stage, seed)
     schema = domain.schema
     recorder = Recorder(tree, schema)
     weights = problem.curriculum.multipliers(stage)

@@ -101,7 +101,7 @@ def row(name: str, config_dir: str | None, n: int) -> str:
     ticks = parallel = 0
     for seed, tree in enumerate(trees(rng, experiment.plan.space, kinds, n)):
         holders = Holders(tree, vocabulary)
-        problem.at(0).run_episode(tree, seed, weights, holders)
+        problem.in_world(0, seed).run_episode(tree, seed, weights, holders)
         ticks += holders.shared
         parallel += any(
             node.kind in ("parallel", "pipeline", "reactive_sequence") for node in walk(tree)

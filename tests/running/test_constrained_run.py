@@ -1,4 +1,4 @@
-"""A run with constraints: its folder, its page and its reports."""
+"""A run with constraints and perturbed worlds: its folder, its page and its reports."""
 
 from __future__ import annotations
 
@@ -12,8 +12,10 @@ from click.testing import CliRunner
 import islandgp
 from islandgp.cli import islandgp as group
 from islandgp.compare.arms import Arm, find
+from islandgp.compare.champions import evaluate_champions
 from islandgp.compare.comparable import compare_arms
-from islandgp.compare.tables import arms_table
+from islandgp.compare.tables import arms_table, unseen_table
+from islandgp.evaluation.serial import Serial
 from islandgp.records.folder import RunFolder
 from islandgp.records.values import generation_values, metric_values
 from islandgp.running.report import report
@@ -31,6 +33,7 @@ OVERRIDES = (
     "progress=off",
     "evaluator=serial",
     "constraints={distance: {at_most: 200}, interactions: {at_most: 0}}",
+    "perturb={world: {robot.speed: [8, 12]}, noise: 1, delay: 5}",
 )
 
 
@@ -108,16 +111,18 @@ def test_the_archive_is_feasible(folder: RunFolder) -> None:
 
 @pytest.mark.slow
 def test_best(folder: RunFolder) -> None:
-    """The share of worlds with all limits kept."""
+    """The share of worlds with all limits kept, and mean and worst of the perturbed worlds."""
     arguments = ["best", str(folder.path), "--worlds", "2", "--workers", "1"]
     rows = json.loads(CliRunner().invoke(group, [*arguments, "--json"]).output)
     assert rows[0]["feasible"] > 0
+    assert all(row["perturbed_worst"] <= row["perturbed"] for row in rows)
     text = CliRunner().invoke(group, arguments).output
     assert "constraints kept" in text
+    assert "perturbed" in text.splitlines()[0]
 
 
 def test_compare(folder: RunFolder, tmp_path: Path) -> None:
-    """A table of the constraints."""
+    """A table of the constraints, and columns of the perturbed worlds."""
     other = tmp_path / "b"
     copytree(folder.path, other)
     arms = [Arm(name, "", tuple(find([path]))) for name, path in (("a", folder.path), ("b", other))]
@@ -127,6 +132,9 @@ def test_compare(folder: RunFolder, tmp_path: Path) -> None:
     frame = arms_table(study)
     assert frame["constraints"][0] == "distance at most 200, interactions at most 0"
     assert frame["kept in validation worlds"][0].endswith(" %")
+    tested = evaluate_champions(study, Serial, worlds=2, trees={})
+    columns = unseen_table(study, tested).columns
+    assert {"perturbed (points)", "worst perturbed"} <= set(columns)
 
 
 def test_without_constraints_no_figure_of_them_is_recorded(tmp_path: Path) -> None:

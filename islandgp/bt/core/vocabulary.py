@@ -95,6 +95,7 @@ class Key:
     high: Number = 1.0  # greatest threshold of a random tree
     step: Number = 1.0  # distance between two thresholds of random trees, > 0
     most: Number | None = None  # greatest value in any world; None: unbounded
+    noise: Number = 0.0  # standard deviation that perturbed worlds add to a number, >= 0
     whole: Flag = False  # True: a whole number, of which thresholds have no decimals
     words: tuple[Word, ...] = ()  # its values if it is one of some words or texts; else empty
     initial: Number | str | None = None
@@ -177,17 +178,18 @@ def number(
     step: float = 1.0,
     *,
     most: float | None = None,
+    noise: float = 0.0,
     initial: float | None = None,
 ) -> Key:
     """A key that is a number >= `low`; random thresholds are on a grid up to `high`.
 
     With `initial`, its first value, trees can write it.
     """
-    return Key(meaning, False, low, high, step, most, initial=initial)
+    return Key(meaning, False, low, high, step, most, noise, initial=initial)
 
 
 def integer(meaning: str, low: int, high: int, step: int = 1, **fields: Any) -> Key:
-    """A key that is a whole number; otherwise as `number`."""
+    """A key that is a whole number, with noise too; otherwise as `number`."""
     return replace(number(meaning, low, high, step, **fields), whole=True)
 
 
@@ -220,12 +222,13 @@ def _checked_key(key: Key) -> Key:
     words = key.choices
     expect(len({*words}) == len(words), "different words", [*words])
     if words:
-        is_plain = not (key.flag and (key.words or key.whole))
-        expect(is_plain, "flag(...) or enumeration(...)", key.meaning)
+        is_plain = not key.noise and not (key.flag and (key.words or key.whole))
+        expect(is_plain, "flag(...) or enumeration(...), without noise", key.meaning)
     else:
         check_range(key, (key.low, key.high, key.step, key.most or 0) if key.whole else ())
         is_above = key.most is None or key.most > key.low
         expect(is_above, "most above low", f"{key.most}, {key.low:g}")
+        expect(key.noise >= 0, "noise of at least 0", key.noise)
     can_have = key.initial is None or key.can_be(key.initial)
     expect(can_have, f"{key.values} as initial", repr(key.initial))
     return key

@@ -11,6 +11,7 @@ from pydantic import BaseModel, Field, FiniteFloat, StringConstraints, model_val
 
 from islandgp.bt.core.vocabulary import NAME
 from islandgp.domain import (
+    MAX_DELAY,
     SUCCESS,
     Action,
     Counter,
@@ -46,6 +47,7 @@ class Observation(BaseModel, frozen=True, extra="forbid"):
     words: tuple[Word, ...] = ()  # of a number that counts from 0: names of its values
     range: tuple[FiniteFloat, FiniteFloat] = (0.0, 1.0)  # values are clipped to it
     step: float = Field(default=0.1, gt=0)  # distance between two thresholds of random trees
+    noise: float = Field(default=0.0, ge=0, le=1e6)  # standard deviation in perturbed worlds
 
     @property
     def bounds(self) -> tuple[float, float]:
@@ -61,7 +63,7 @@ class Observation(BaseModel, frozen=True, extra="forbid"):
         if self.words:
             return enumeration(self.meaning, self.words)
         low, high = self.range
-        key = number(self.meaning, low, high, self.step, most=high)
+        key = number(self.meaning, low, high, self.step, most=high, noise=self.noise)
         is_whole = self.at in whole and not any(bound % 1 for bound in (low, high, self.step))
         return replace(key, whole=is_whole)
 
@@ -116,6 +118,8 @@ class GymnasiumWorld(BaseModel, frozen=True, extra="forbid"):
     """The action where a tree chooses none: a number, or a list of as many as the environment
     takes; None: the first of each choice, or zeros."""
     signals: dict[Word, Signal] = Field(default_factory=dict)
+    delay: int = Field(default=0, ge=0, le=MAX_DELAY)
+    """Most ticks of delay in perturbed worlds."""
     shrink: int = Field(default=1, ge=1, le=64)  # factor by which frames are reduced in size
     frame_every: int = Field(default=1, ge=1, le=1000)  # ticks between two frames
 
@@ -164,6 +168,7 @@ class GymnasiumWorld(BaseModel, frozen=True, extra="forbid"):
             },
             task=self.task,
             habits=self.habits,
+            delay=self.delay,
         )
 
 

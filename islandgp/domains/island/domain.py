@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import copy
 from dataclasses import replace
 from typing import TYPE_CHECKING, ClassVar, Final, Self
 
@@ -16,6 +17,7 @@ from islandgp.domain import (
     RewardTable,
     Scene,
     Schema,
+    SensorFaults,
     Shape,
     Vocabulary,
     wants_scenes,
@@ -51,6 +53,7 @@ class Island:
     Rewards: ClassVar[type[BaseModel]] = RewardTable
     schema: ClassVar[Schema] = SCHEMA
     actions: ClassVar[Mapping[str, IslandAction]] = ACTIONS
+    faults: SensorFaults | None = None  # between the world and the blackboard
 
     def __init__(self, world: settings.IslandWorld, rewards: RewardTable) -> None:
         """Raises ConfigError if obstacles do not fit, DomainError if an action is missing."""
@@ -83,6 +86,12 @@ class Island:
         starts = replace(charge, to_start=(Condition("batteryLevel", "<", most),))
         return replace(vocabulary, actions={**vocabulary.actions, "ExecuteCharge": starts})
 
+    def with_sensors(self, faults: SensorFaults) -> Self:
+        """See `Domain`."""
+        changed = copy(self)
+        changed.faults = faults
+        return changed
+
     def about(self, seed: int | None = None) -> str:  # noqa: ARG002 -- all seeds are alike in this
         """See `Domain`."""
         episode = self.world.episode
@@ -106,6 +115,8 @@ class Island:
         from islandgp.domains.island.episode import run_episode  # numba takes half a second
 
         value = worth(self.rewards, weights)
+        keys = self.schema.vocabulary.keys
+        sensors = None if self.faults is None else self.faults.sensors(keys, seed)
         fixed = self._fixed() if observer is not None and wants_scenes(observer) else None
 
         def award(event: str, amount: float) -> tuple[str, float]:
@@ -116,9 +127,8 @@ class Island:
 
         def observe(island: State) -> None:
             assert observer is not None
-            observer.tick(
-                island.board.tolist(), None if fixed is None else self._scene(island, fixed)
-            )
+            board = island.board.tolist() if sensors is None else sensors.values
+            observer.tick(board, None if fixed is None else self._scene(island, fixed))
 
         island = run_episode(
             tree,
@@ -129,6 +139,7 @@ class Island:
             stepwise=observer is not None,
             watch=None if observer is None else observer.node,
             observe=None if observer is None else observe,
+            sensors=sensors,
         )
         log = island.event_log
         counts, amounts = dict.fromkeys(EVENTS, 0.0), dict.fromkeys(EVENTS, 0.0)

@@ -9,7 +9,7 @@ from functools import cache, partial
 from islandgp.bt.core.engine import compile_tree
 from islandgp.bt.core.kinds import needs_each_tick
 from islandgp.bt.core.node import compares_keys, thresholds, walk
-from islandgp.domain import FAILURE, Node
+from islandgp.domain import FAILURE, Node, Sensors
 from islandgp.domains.island import engine
 from islandgp.domains.island.events import Award
 from islandgp.domains.island.state import State
@@ -38,6 +38,7 @@ def run_episode(
     stepwise: bool = False,
     watch: Callable[[int, int], None] | None = None,
     observe: Callable[[State], None] | None = None,
+    sensors: Sensors | None = None,
 ) -> State:
     """The island after an episode, a function of tree, world, seed, award and actions.
 
@@ -51,7 +52,9 @@ def run_episode(
         watch: called with the index and status of every ticked node.
         observe: called with the island after every tick. Like `watch`, it needs `stepwise` to be
             called in each step.
+        sensors: the tree reads their values in place of the true blackboard; implies `stepwise`.
     """
+    stepwise = stepwise or sensors is not None
     # Such a tree is ticked in every step; the battery is the only key that moves all the time.
     timed = needs_each_tick(tree) or compares_keys(tree, "batteryLevel")
     may_coast = engine.ADDS_AS_CHIPMUNK and not (stepwise or watch or observe)
@@ -65,13 +68,16 @@ def run_episode(
             timed=timed,
             may_coast=may_coast,
         )
+        board = island.board if sensors is None else island.board.tolist()
         bound, step_s = _bound_actions(tree, island, actions), world.episode.step
         keys = VOCABULARY.key_index
-        tick = compile_tree(tree, bound, island.board, keys, watch=watch, step_s=step_s, seed=seed)
+        tick = compile_tree(tree, bound, board, keys, watch=watch, step_s=step_s, seed=seed)
         status = FAILURE
         while (task := engine.proceed(island.record, status)) < engine.ENDED:
             island.count_events()
             if task == engine.TICK:
+                if sensors is not None:
+                    board[:] = sensors(island.board)
                 status = tick()
                 if observe is not None:
                     observe(island)

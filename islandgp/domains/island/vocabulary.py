@@ -97,10 +97,12 @@ VOCABULARY: Final = Vocabulary(
     },
     keys={
         "batteryLevel": number(
-            "charge of the battery in percent, 0 to 100", 0, 100, step=5, most=100
+            "charge of the battery in percent, 0 to 100", 0, 100, step=5, most=100, noise=2
         ),
-        "robotCurrentExtraCapacity": integer("room left for garbage in items, 0 to 30", 0, 30),
-        "lap": integer("patrol rounds finished, from 0", 0, 5),
+        "robotCurrentExtraCapacity": integer(
+            "room left for garbage in items, 0 to 30", 0, 30, noise=1
+        ),
+        "lap": integer("patrol rounds finished, from 0", 0, 5, noise=0.1),
         "foundGarbage": flag("garbage is in sight"),
         "isHumanoidWantToClear": flag("a humanoid in sight asks for clearing"),
     },
@@ -177,6 +179,7 @@ SCHEMA: Final = Schema(
         "waypoint": ShapeStyle("patrol waypoint", "+", "cross", "#2e8b57"),
         "rock": ShapeStyle("rock or tree", "o", "circle", "#9a9a9a"),
     },
+    delay=20,
 )
 
 
