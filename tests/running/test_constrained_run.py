@@ -137,7 +137,7 @@ def test_compare(folder: RunFolder, tmp_path: Path) -> None:
     assert {"perturbed (points)", "worst perturbed"} <= set(columns)
 
 
-def test_without_constraints_no_figure_of_them_is_recorded(tmp_path: Path) -> None:
+def test_an_unconstrained_run_has_no_figure_of_them(tmp_path: Path) -> None:
     """Summary, frames and page have no more than before."""
     experiment = islandgp.compose(*OVERRIDES[:-2], f"runs={tmp_path}")
     results = experiment.run()
