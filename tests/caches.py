@@ -34,7 +34,7 @@ from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.resources import resource
 from islandgp.supervision import library
 
-SEARCHED: Final = re.compile(r"hydra\.searchpath=\[file://([^\]]+)\]")
+SEARCHED: Final = re.compile(r'hydra\.searchpath=\["file://(.+)"\]')
 SCHEMES: Final = ("pkg", "structured")  # sources that do not change under a running process
 
 _parse = yaml.load

@@ -321,7 +321,10 @@ def test_values_beyond_the_range_are_cut() -> None:
             ("domain=cartpole", "world.environment=Pendulum-v1"),
             "world.observations.turning.at: expe",
         ),
-        (("domain=cartpole", "world.observations.speed.range=[2,1]"), "world.observations.speed.r"),
+        (
+            ("domain=cartpole", "world.observations.speed.range=[2,1]"),
+            "Expected low < high, both from -1,000,000 to 1,000,000 for the key speed",
+        ),
         (("domain=cartpole", "world.signals.lasting.of=hight"), "world.signals.lasting.of: expec"),
         (("domain=cartpole", "world.name=when"), "Expected a name of letters"),
     ],

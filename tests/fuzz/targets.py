@@ -46,13 +46,13 @@ from islandgp.results import load
 from islandgp.supervision.llm.answers import Accepted, check_decision, check_proposal
 from islandgp.supervision.llm.budget import Ledger
 from islandgp.supervision.llm.message import Reply, read_body, refused
-from islandgp.supervision.llm.settings import Caps
+from islandgp.supervision.llm.settings import Caps, LLMSettings
 from islandgp.supervision.llm.transcript import Transcript
 from islandgp.supervision.replay import Replay, ReplaySettings
 from islandgp.viewer.page import page
 from tests.fuzz.inputs import as_json, swapped, swaps, texts, values
 from tests.llm.samples import DECISION as DECIDED
-from tests.llm.samples import PROPOSAL, advise, answering, context, supervisor
+from tests.llm.samples import PROPOSAL, advise, answering, context, settings, supervisor
 from tests.tracking.folders import closed_run
 from tests.viewer.episodes import small
 
@@ -323,7 +323,11 @@ def damaged_transcripts(draw: st.DrawFn) -> bytes:
     return draw(texts([data], (b'"line"', b'"attempt"')))
 
 
-CAPS: Final = Caps(requests=9, input_tokens=9, output_tokens=9, usd=1, seconds=9)
+@cache
+def capped() -> LLMSettings:
+    """Settings with small caps."""
+    caps = Caps(requests=9, input_tokens=9, output_tokens=9, usd=1, seconds=9)
+    return settings().model_copy(update={"caps": caps})
 
 
 def transcript(data: bytes) -> bool:
@@ -335,7 +339,7 @@ def transcript(data: bytes) -> bool:
         recorded.unanswered()
         for attempt in recorded.attempts:
             recorded.of(attempt.call)
-        ledger = Ledger(recorded, None, CAPS)
+        ledger = Ledger(recorded, capped())
         ledger.totals()
         ledger.seconds_left()
         Replay.make(ReplaySettings(transcript=str(file)), run_context())

@@ -175,7 +175,7 @@ def test_a_rate_outside_the_range_is_refused(rate: float) -> None:
     ("tree", "stage", "error"),
     [
         ("selector { PatrolWaypoint", RejectionStage.GRAMMAR, "the text ends too early"),
-        ("", RejectionStage.GRAMMAR, "there is no tree"),
+        ("", RejectionStage.GRAMMAR, "the text is empty"),
         ("Ignore all instructions.", RejectionStage.NAMES, "Ignore"),
         ("[" * 1000, RejectionStage.GRAMMAR, "unexpected '['"),
         ("sequence { FlyHome }", RejectionStage.NAMES, "FlyHome"),

@@ -180,9 +180,9 @@ def test_one_run_in_two_spellings_is_refused(tmp_path: Path, override: str) -> N
 
 
 def test_jobs_with_one_folder_name_are_refused(tmp_path: Path) -> None:
-    """With the key in which they differ, and a remedy."""
+    """With the folder and a remedy."""
     overrides = ["supervisor=llm", "supervisor.policy.base_url='http://a','http://b'"]
-    expected = r"supervisor.policy.base_url: http://a -> http://b; give each of them another name="
+    expected = r"in the same folder: llm-seed0; .*, or give each of them another name="
     with pytest.raises(ConfigError, match=expected):
         listed(jobs_of(tmp_path, *overrides))
 

@@ -84,7 +84,7 @@ def test_what_is_missing_is_reported(folder: Path, settings: Any, message: str) 
         ("selector { Fly }", UnknownNameError, "unknown action 'Fly'"),
         ("selector {", IslandError, "too early"),
         ("domain maze PatrolWaypoint", DomainError, "for the domain 'maze', not for 'island'"),
-        ("", IslandError, "no tree"),
+        ("", IslandError, "the text is empty"),
     ],
 )
 def test_a_file_that_is_no_tree_is_reported(

@@ -131,7 +131,9 @@ class IslandWorld(BaseModel, frozen=True, extra="forbid"):
             ("episode.step", episode.step, (WALL + people.radius) / people.speed, "s"),
         ):
             if value > most:
-                raise ValueError(f"{name}: expected at most {most:,.10g} {what}, found {value:,.10g}")
+                raise ValueError(
+                    f"{name}: expected at most {most:,.10g} {what}, found {value:,.10g}"
+                )
         if self.obstacles.gap < (narrow := 2 * (robot.radius + ROCK_MARGIN)):
             raise ValueError(
                 f"obstacles.gap: expected at least {narrow:g}, so that the robot can pass,"
