@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from math import floor, log10
 from typing import Final, NamedTuple
@@ -139,6 +139,8 @@ class Recorder:
                 f" blackboard, found {len(board)}; give the observer one for each, in their order."
             )
         if scene is not None:
+            if self.drawn and scene.items == self.drawn[-1].items:  # keep them once
+                scene = replace(scene, items=self.drawn[-1].items)
             self.drawn += [scene] * (len(self.boards) + 1 - len(self.drawn))
             frame = b"" if scene.frame is None else scene.frame()
             if frame and (not self.frames or frame != self.frames[-1][1]):
@@ -170,7 +172,8 @@ def _must_be_drawable(scenes: Sequence[Scene], schema: Schema) -> None:
             f"Expected as many movers in each tick, found {min(counts)} and {max(counts)}; what"
             " comes and goes belongs to the items of a scene."
         )
-    shapes = {*chain.from_iterable((*s.fixed, *s.items, *s.movers) for s in scenes)}
+    groups = {id(group): group for s in scenes for group in (s.fixed, s.items, s.movers)}
+    shapes = {*chain.from_iterable(groups.values())}
     _must_be_numbers("the bounds of a scene", chain(*{scene.bounds for scene in scenes}))
     _must_be_numbers("the places and sizes of shapes", chain(*(shape[1:4] for shape in shapes)))
     if unknown := {shape.style for shape in shapes} - schema.styles.keys():
