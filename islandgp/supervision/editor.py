@@ -14,13 +14,12 @@ from collections import Counter
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from itertools import chain
 from typing import ClassVar, Final, Self
 
 import numpy as np
 
 from islandgp.bt.core.condition import Condition, ConditionExpr
-from islandgp.bt.core.language import parse
+from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node, guard_of, size, walk
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.gp.branches import branches_of, fine
@@ -120,6 +119,8 @@ class Editor:
         self._trees_with: Counter[str] = Counter()  # number of evaluated trees, by action
         self._shown_with: Counter[tuple[str, str]] = Counter()
         """Number of evaluated trees with the counter above 0, by counter and action."""
+        self._evaluated: Counter[str] = Counter()  # number of edits, by inserted branch
+        self._improved: Counter[str] = Counter()  # number of them that improved the tree
         self._advised: set[tuple[object, ...]] = set()  # `_change` of edits, accepted or refused
 
     # Measurements of the run.
@@ -143,7 +144,7 @@ class Editor:
             self._examples[counter] = [*distinct.values()][::-1][:EXAMPLES]
 
     def _remember_edits(self, generation: GenerationView) -> None:
-        """Remembers edits of the record, so a resumed run repeats none either.
+        """Remembers edits of the record and what they improved, so a resumed run does the same.
 
         They refer to individuals of the generation before.
         """
@@ -151,6 +152,12 @@ class Editor:
             trees = {i.id: i.tree for i in self._latest.individuals}
             edits = generation.guidance.edits
             self._advised |= {_change(trees[e.of], e) for e in edits if e.of in trees}
+            accepted = [edit for edit in edits if not edit.refused]
+            # There are no trials if the search evaluates no edits, or if the run stopped before.
+            for edit, trial in zip(accepted, generation.trials, strict=False):
+                if edit.branch is not None:
+                    self._evaluated[edit.branch] += 1
+                    self._improved[edit.branch] += trial.fitness > trial.parent_fitness
 
     # Advice.
 
@@ -232,15 +239,26 @@ class Editor:
     def branches_for(self, counter: str, rng: np.random.Generator) -> Mapping[Node, str]:
         """Branches for a counter, each with its source in words; control arms override it.
 
-        Those of the library come before those of trees that the run has evaluated.
+        Those whose edits improved a tree most often come first.
         """
         del rng
-        sources: dict[Node, str] = {}
-        for branch, source in chain(
-            self._library_branches(counter), self._evaluated_branches(counter)
-        ):
-            sources.setdefault(branch, source)
-        return sources
+        sources = self.candidates(counter)
+
+        def success_rate(branch: Node) -> float:
+            """The share of the branch's edits that improved a tree; 1/2 without edits."""
+            text = to_text(branch)
+            return (self._improved[text] + 1) / (self._evaluated[text] + 2)
+
+        return {b: sources[b] for b in sorted(sources, key=success_rate, reverse=True)}
+
+    def candidates(self, counter: str) -> dict[Node, str]:
+        """Branches that may raise a counter: of the library, then of trees of the run.
+
+        One that occurs several times has the place of the last and the source of the first.
+        """
+        found = [*self._library_branches(counter), *self._evaluated_branches(counter)]
+        sources = dict(reversed(found))
+        return {branch: sources[branch] for branch in reversed(sources)}
 
     def _library_branches(self, counter: str) -> Iterator[tuple[Node, str]]:
         """The first guarded branch of each library tree for the counter's behaviours."""

@@ -28,8 +28,8 @@ class RandomBranch(Editor):
         """Branches drawn from those for all counters; as many as the editor has for this one."""
         pool: dict[Node, str] = {}
         for requirement in self.requirements:
-            pool |= super().branches_for(requirement.counter, rng)
-        pairs, number = [*pool.items()], len(super().branches_for(counter, rng))
+            pool |= self.candidates(requirement.counter)
+        pairs, number = [*pool.items()], len(self.candidates(counter))
         return dict(pairs[k] for k in rng.permutation(len(pairs))[:number])
 
 
