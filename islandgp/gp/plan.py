@@ -6,12 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Final, Literal, TypeVar
 
-from pydantic import (
-    AfterValidator,
-    BaseModel,
-    Field,
-    FiniteFloat,
-)
+from pydantic import AfterValidator, BaseModel, Field, FiniteFloat
 
 from islandgp.bt.core.node import Limits, Node
 from islandgp.bt.core.vocabulary import Vocabulary

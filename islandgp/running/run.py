@@ -32,19 +32,9 @@ from islandgp.running.parts import (
     make_supervisor,
     plan_of,
 )
-from islandgp.running.report import (
-    Progress,
-    is_mostly_fallback,
-    proposals,
-    report,
-    summary,
-)
+from islandgp.running.report import Progress, is_mostly_fallback, proposals, report, summary
 from islandgp.running.resume import about_run, choose
-from islandgp.supervision.base import (
-    GenerationListener,
-    Supervisor,
-    SupervisorLifecycle,
-)
+from islandgp.supervision.base import GenerationListener, Supervisor, SupervisorLifecycle
 from islandgp.tracking.base import Tracker
 from islandgp.viewer.history import RunRecords, read_history
 from islandgp.viewer.run_page import write_page

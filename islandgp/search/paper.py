@@ -15,15 +15,7 @@ from typing import Annotated, Any, ClassVar, Final
 from pydantic import BaseModel, Field, NonNegativeInt, model_validator
 
 from islandgp.gp.plan import Plan
-from islandgp.gp.population import (
-    Advice,
-    Evaluated,
-    Individual,
-    Origin,
-    Proposal,
-    in_slots,
-    ranked,
-)
+from islandgp.gp.population import Advice, Evaluated, Individual, Origin, Proposal, in_slots, ranked
 from islandgp.gp.random_trees import random_tree
 from islandgp.gp.selection import pick_parent, selection
 from islandgp.gp.variation import crossover, mutate

@@ -15,12 +15,7 @@ from typing import Any, ClassVar
 from islandgp.gp.evidence import digest
 from islandgp.gp.population import Evaluated
 from islandgp.search.base import SearchState
-from islandgp.search.breeding import (
-    MAX_DIGESTS,
-    BreedingSearch,
-    GenerationPlan,
-    RandomTrees,
-)
+from islandgp.search.breeding import MAX_DIGESTS, BreedingSearch, GenerationPlan, RandomTrees
 
 
 class RandomSearchSettings(RandomTrees, frozen=True, extra="forbid"):

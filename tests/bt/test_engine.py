@@ -10,14 +10,7 @@ import pytest
 from islandgp.bt.core.condition import FLAG_OPERATORS, OPERATORS, Condition
 from islandgp.bt.core.engine import ABORTED, compile_tree, condition, ticks_of
 from islandgp.bt.core.language import parse
-from islandgp.bt.core.node import (
-    AGAIN,
-    FAILURE,
-    RUNNING,
-    SUCCESS,
-    guard_of,
-    thresholds,
-)
+from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS, guard_of, thresholds
 from islandgp.domains.island.vocabulary import VOCABULARY
 from tests.bt import test_set
 from tests.bt.stage import Stage, short_tree

@@ -8,22 +8,10 @@ import pytest
 
 from islandgp.compare.arms import Run
 from islandgp.compare.figures import by_run
-from islandgp.compare.measures import (
-    FITNESS,
-    POINTS,
-    SPANS,
-    measured,
-    read_runs,
-    training_measures,
-)
+from islandgp.compare.measures import FITNESS, POINTS, SPANS, measured, read_runs, training_measures
 from islandgp.gp.record import GenerationRecord
 from islandgp.records.folder import RunFolder
-from tests.compare.fake_runs import (
-    fake_arm,
-    fake_run,
-    individual,
-    written,
-)
+from tests.compare.fake_runs import fake_arm, fake_run, individual, written
 from tests.samples import CLASSES
 
 

@@ -21,15 +21,7 @@ from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node, size, walk
 from islandgp.domain import Outcome
 from islandgp.domains.island.vocabulary import VOCABULARY
-from islandgp.evolution.prune import (
-    FIRST,
-    Keep,
-    PruneResult,
-    Shortened,
-    Standard,
-    prune,
-    thinned,
-)
+from islandgp.evolution.prune import FIRST, Keep, PruneResult, Shortened, Standard, prune, thinned
 from islandgp.scoring.constraints import Bound
 from tests.profiles import examples
 from tests.samples import CLASSES, outcome

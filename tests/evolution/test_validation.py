@@ -12,20 +12,8 @@ from hypothesis import strategies as st
 
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Job
-from islandgp.evolution.candidates import (
-    MAX_CANDIDATES,
-    PART,
-    Candidate,
-    by_evidence,
-    by_fitness,
-)
-from islandgp.evolution.validation import (
-    FINALISTS,
-    entrants,
-    rounds,
-    validate,
-    validation_seeds,
-)
+from islandgp.evolution.candidates import MAX_CANDIDATES, PART, Candidate, by_evidence, by_fitness
+from islandgp.evolution.validation import FINALISTS, entrants, rounds, validate, validation_seeds
 from islandgp.seeding import Stream, seed_of
 from islandgp.statistics import mean_interval
 from tests.composed import composed

@@ -13,12 +13,7 @@ from islandgp.bt.core.node import Limits
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.gp.edits import EDITS
 from islandgp.gp.population import Origin
-from islandgp.supervision.llm.answers import (
-    Accepted,
-    Rejection,
-    RejectionStage,
-    check_edits,
-)
+from islandgp.supervision.llm.answers import Accepted, Rejection, RejectionStage, check_edits
 from islandgp.supervision.llm.history import listing
 from islandgp.supervision.llm.message import Reply
 from islandgp.supervision.llm.questions import Questions

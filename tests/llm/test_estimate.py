@@ -16,13 +16,7 @@ from islandgp.errors import ConfigError
 from islandgp.resources import resource
 from islandgp.supervision.base import RunContext
 from islandgp.supervision.llm import budget
-from islandgp.supervision.llm.budget import (
-    ANSWER,
-    THOUGHTS,
-    Bill,
-    SupervisedRuns,
-    costs,
-)
+from islandgp.supervision.llm.budget import ANSWER, THOUGHTS, Bill, SupervisedRuns, costs
 from islandgp.supervision.llm.prompts import PROMPT_SETS
 from islandgp.supervision.llm.settings import LLMSettings
 from tests.llm.samples import advise, answering, context, settings, state, supervisor

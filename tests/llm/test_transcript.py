@@ -13,22 +13,8 @@ from hypothesis import strategies as st
 
 from islandgp.errors import SupervisionError
 from islandgp.supervision.llm.calls import Calls
-from islandgp.supervision.llm.message import (
-    Failure,
-    FailureKind,
-    Reply,
-    Request,
-    Usage,
-    clean,
-)
-from islandgp.supervision.llm.transcript import (
-    NAME,
-    Attempt,
-    Call,
-    Conclusion,
-    Start,
-    Transcript,
-)
+from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage, clean
+from islandgp.supervision.llm.transcript import NAME, Attempt, Call, Conclusion, Start, Transcript
 from tests.llm.samples import settings
 from tests.profiles import cases
 

@@ -13,12 +13,7 @@ from islandgp.bt.core.language import parse, to_text
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.errors import ConfigError, DomainError, IslandError, UnknownNameError
 from islandgp.running.parts import make_library
-from islandgp.supervision.library import (
-    Library,
-    LibrarySettings,
-    library_folder,
-    read_library,
-)
+from islandgp.supervision.library import Library, LibrarySettings, library_folder, read_library
 from tests.composed import composed
 from tests.running.commands import fake
 from tests.samples import CLASSES

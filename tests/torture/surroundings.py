@@ -20,16 +20,7 @@ from islandgp.tracking.sync import sync
 from islandgp.tracking.ui import server_command
 from tests.running.commands import ROOT
 from tests.running.histories import store, tracked
-from tests.torture.lab import (
-    QUICK,
-    SLOW,
-    Lab,
-    assert_refused,
-    communicate,
-    start,
-    under_way,
-    until,
-)
+from tests.torture.lab import QUICK, SLOW, Lab, assert_refused, communicate, start, under_way, until
 from tests.tracking import servers
 
 HERE: Final = Path(__file__).parent

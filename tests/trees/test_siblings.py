@@ -17,14 +17,7 @@ from islandgp.bt.analysis.context import (
 )
 from islandgp.bt.analysis.lint import warnings
 from islandgp.bt.analysis.simplify import simplify
-from islandgp.bt.core.condition import (
-    WHOLE,
-    Condition,
-    ConditionExpr,
-    combine,
-    condition,
-    terms,
-)
+from islandgp.bt.core.condition import WHOLE, Condition, ConditionExpr, combine, condition, terms
 from islandgp.bt.core.engine import ABORTED, compile_tree
 from islandgp.bt.core.kinds import ABORTS
 from islandgp.bt.core.language import to_text

@@ -28,14 +28,7 @@ from islandgp.bt.analysis.context import (
 from islandgp.bt.analysis.satisfiability import shortened, without_decimals
 from islandgp.bt.core.kind import NodeKind
 from islandgp.bt.core.kinds import KINDS, REPEATS, advance_status, is_opaque, kind_of
-from islandgp.bt.core.node import (
-    FAILURE,
-    CountArgs,
-    GuardArgs,
-    Node,
-    count_of,
-    guard_of,
-)
+from islandgp.bt.core.node import FAILURE, CountArgs, GuardArgs, Node, count_of, guard_of
 from islandgp.bt.core.printer import condition_text, head
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
 

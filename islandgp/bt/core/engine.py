@@ -16,15 +16,7 @@ from math import ceil, inf
 from typing import Any, Final, NamedTuple, SupportsFloat, TypeAlias, cast
 
 from islandgp.bt.core.condition import Board, Condition, ConditionExpr, assigned_value, condition
-from islandgp.bt.core.node import (
-    AGAIN,
-    RUNNING,
-    SECONDS,
-    ActionArgs,
-    CountArgs,
-    Node,
-    SecondsArgs,
-)
+from islandgp.bt.core.node import AGAIN, RUNNING, SECONDS, ActionArgs, CountArgs, Node, SecondsArgs
 from islandgp.errors import DomainError
 
 ABORTED: Final = 4  # passed to a watch only: the node was running and has been stopped

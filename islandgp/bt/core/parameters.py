@@ -31,15 +31,7 @@ from pydantic import (
 
 from islandgp.bt.core.condition import FLAG_OPERATORS, OPERATORS, Condition
 from islandgp.bt.core.kinds import NAME, RESERVED
-from islandgp.bt.core.node import (
-    FAILURE,
-    RUNNING,
-    STATUS_NAMES,
-    SUCCESS,
-    ActionArgs,
-    Node,
-    Value,
-)
+from islandgp.bt.core.node import FAILURE, RUNNING, STATUS_NAMES, SUCCESS, ActionArgs, Node, Value
 from islandgp.errors import DomainError
 
 NO_YES: Final = ("no", "yes")

@@ -11,13 +11,7 @@ from islandgp.bt.core.condition import OPERATORS
 from islandgp.bt.core.kinds import KINDS
 from islandgp.bt.core.language import parser_of
 from islandgp.bt.core.source import Source, Word, closest, plain, shown
-from islandgp.bt.core.unknown import (
-    FOREIGN_WORDS,
-    NODE,
-    NODE_WORDS,
-    unknown_key,
-    unknown_node,
-)
+from islandgp.bt.core.unknown import FOREIGN_WORDS, NODE, NODE_WORDS, unknown_key, unknown_node
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
 from islandgp.errors import TreeError
 

@@ -20,15 +20,7 @@ from islandgp.bt.core import parameters
 from islandgp.bt.core.arithmetic import Named
 from islandgp.bt.core.condition import FLAG_OPERATORS, terms
 from islandgp.bt.core.language import domain_of, parse
-from islandgp.bt.core.node import (
-    Args,
-    CountArgs,
-    GuardArgs,
-    SecondsArgs,
-    SetArgs,
-    keys_of,
-    walk,
-)
+from islandgp.bt.core.node import Args, CountArgs, GuardArgs, SecondsArgs, SetArgs, keys_of, walk
 from islandgp.bt.core.node_builder import MAX_NUMBER
 from islandgp.bt.core.parameters import (
     Parameter,
@@ -40,14 +32,7 @@ from islandgp.bt.core.parameters import (
     whole,
 )
 from islandgp.bt.core.source import shown
-from islandgp.bt.core.vocabulary import (
-    NAME,
-    Action,
-    Key,
-    Vocabulary,
-    condition_leaf,
-    enumeration,
-)
+from islandgp.bt.core.vocabulary import NAME, Action, Key, Vocabulary, condition_leaf, enumeration
 from islandgp.bt.export.cpp_importer import GATES
 from islandgp.bt.export.import_cpp import args_of
 from islandgp.bt.export.json import from_json

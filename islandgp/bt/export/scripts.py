@@ -9,14 +9,7 @@ import re
 from collections.abc import Callable
 from typing import Final, TypeVar
 
-from islandgp.bt.core.condition import (
-    MIRRORED,
-    OPPOSITE,
-    Condition,
-    ConditionExpr,
-    combine,
-    negate,
-)
+from islandgp.bt.core.condition import MIRRORED, OPPOSITE, Condition, ConditionExpr, combine, negate
 from islandgp.bt.core.language import parse, parse_condition
 from islandgp.bt.core.node import SetArgs
 from islandgp.bt.core.source import shown

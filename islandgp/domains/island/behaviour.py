@@ -13,13 +13,7 @@ from math import inf, sqrt
 from typing import Final
 
 from islandgp.domain import FAILURE, RUNNING, SUCCESS
-from islandgp.domains.island.events import (
-    CHARGE,
-    DELIVERY,
-    EMPTY_DELIVERY,
-    INTERACTION,
-    PICKUP,
-)
+from islandgp.domains.island.events import CHARGE, DELIVERY, EMPTY_DELIVERY, INTERACTION, PICKUP
 from islandgp.domains.island.fields import HUMANOID, ITEM, STATION
 from islandgp.domains.island.memory import compiled, norm, table
 from islandgp.domains.island.motion import drive_to, result_holds_for, steps_to, wake_at

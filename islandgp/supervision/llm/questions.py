@@ -28,13 +28,7 @@ from islandgp.supervision.llm.answers import (
     reasons_first,
     schema,
 )
-from islandgp.supervision.llm.history import (
-    EDIT_VALUES,
-    RUN_VALUES,
-    parents_of,
-    paths_of,
-    sections,
-)
+from islandgp.supervision.llm.history import EDIT_VALUES, RUN_VALUES, parents_of, paths_of, sections
 from islandgp.supervision.llm.message import Request
 from islandgp.supervision.llm.prompts import fixed_values, load_prompt
 from islandgp.supervision.llm.settings import LLMSettings

@@ -6,14 +6,7 @@ import os
 import re
 from typing import Annotated, ClassVar, Final, Literal
 
-from pydantic import (
-    AfterValidator,
-    AnyHttpUrl,
-    BaseModel,
-    Field,
-    SecretStr,
-    model_validator,
-)
+from pydantic import AfterValidator, AnyHttpUrl, BaseModel, Field, SecretStr, model_validator
 
 from islandgp.plugin import ComponentConfig
 from islandgp.supervision.base import SUPERVISES, PhaseRates, Rates

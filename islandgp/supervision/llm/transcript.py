@@ -19,14 +19,7 @@ from typing import Any, Final, TypeVar
 from islandgp.errors import SupervisionError
 from islandgp.gate import read_bytes
 from islandgp.plain import DECODE_ERRORS, from_json, read_json
-from islandgp.supervision.llm.message import (
-    CHARGED,
-    Failure,
-    FailureKind,
-    Reply,
-    Request,
-    Usage,
-)
+from islandgp.supervision.llm.message import CHARGED, Failure, FailureKind, Reply, Request, Usage
 
 E = TypeVar("E")
 

@@ -22,15 +22,7 @@ from islandgp.commands.check import findings, plain_error, plain_finding
 from islandgp.commands.files import TreeText
 from islandgp.errors import IslandError, TreeError
 from islandgp_editor.assist import completions, meaning
-from islandgp_editor.names import (
-    Symbol,
-    Word,
-    defines,
-    definitions,
-    references,
-    renamed,
-    symbol_at,
-)
+from islandgp_editor.names import Symbol, Word, defines, definitions, references, renamed, symbol_at
 
 PAUSE: Final = 0.2  # s without a change before a text is checked
 COMPLETION_KINDS: Final = {

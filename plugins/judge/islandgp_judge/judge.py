@@ -49,13 +49,7 @@ from islandgp.supervision.library import Library
 from islandgp.supervision.llm.budget import Bill, answer_tokens
 from islandgp.supervision.llm.calls import Calls, converse
 from islandgp.supervision.llm.history import parents_of
-from islandgp.supervision.llm.message import (
-    Client,
-    FailureKind,
-    Request,
-    Usage,
-    sha256_of,
-)
+from islandgp.supervision.llm.message import Client, FailureKind, Request, Usage, sha256_of
 from islandgp.supervision.llm.questions import Questions
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.supervisor import probe

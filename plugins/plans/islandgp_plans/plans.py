@@ -28,15 +28,7 @@ from islandgp.bt.analysis.simplify import simplify
 from islandgp.bt.core.condition import Condition
 from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.language import parse
-from islandgp.bt.core.node import (
-    FAILURE,
-    Limits,
-    Node,
-    replace_at,
-    selector,
-    walk,
-    within,
-)
+from islandgp.bt.core.node import FAILURE, Limits, Node, replace_at, selector, walk, within
 from islandgp.bt.core.printer import head
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.gp.evidence import digest

@@ -8,13 +8,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from islandgp.bt.core.condition import (
-    Condition,
-    ConditionExpr,
-    combine,
-    condition,
-    opposite,
-)
+from islandgp.bt.core.condition import Condition, ConditionExpr, combine, condition, opposite
 from islandgp.bt.core.language import parse_condition
 from islandgp.bt.core.vocabulary import Key, Vocabulary, flag, integer, number
 from islandgp.domains.island.vocabulary import VOCABULARY
