@@ -6,7 +6,6 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -20,12 +19,7 @@ from islandgp.records.folder import RunFolder
 from islandgp.running.parts import make_supervisor, run_context
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, Guidance, RunContext, Supervisor
-from islandgp.supervision.llm.history import (
-    best_rank,
-    describe_episode,
-    injected_trees,
-    most_lacking,
-)
+from islandgp.supervision.llm.history import most_lacking
 from islandgp.supervision.llm.questions import Questions
 from tests.composed import composed
 from tests.goldens import check_golden
@@ -117,7 +111,7 @@ def test_before_the_first_generation_nothing_is_known() -> None:
     questions = Questions(settings("prompts=informed"), small_run()[0])
     text = prompt_text(questions.request("tree", state()))
     assert "Points of an event" in text
-    for part in ("What each class", "Your trees of earlier", "What two trees"):
+    for part in ("What each class", "The last decisions", "What two trees"):
         assert part not in text
     assert not any(questions.episodes.values())
 
@@ -129,8 +123,8 @@ def test_traces_are_of_the_episode_that_was_scored() -> None:
     best = max(generation.individuals, key=lambda i: i.fitness)
     text = adviser().request("tree", keeps.states[-1]).turns[0]
     assert f"The fittest tree, {best.fitness:,.0f} points" in text
-    outcome, _ = describe_episode(
-        context.domain, parse(best.tree), generation.worlds[0], generation.multipliers
+    outcome = context.domain.run_episode(
+        parse(best.tree), generation.worlds[0], generation.multipliers
     )
     assert outcome.fitness == best.fitness
 
@@ -179,34 +173,15 @@ def individual(
     return replace(one, id=at, fitness=fitness, parents=parents, origin=origin, tree=f"{at}\n")
 
 
-def test_the_fate_of_a_tree() -> None:
-    """Ranks, heirs by any parent, and the end are those of the records."""
-    first, *_ = small_run()[1].generations
-    populations = [
-        [individual("0.0", 9), individual("0.1", 5, origin="injected"), individual("0.2", 7)],
-        [
-            replace(individual("1.0", 9, "0.1", origin="elite"), tree="0.1\n"),
-            individual("1.1", 10, "0.0", "0.1"),
-            individual("1.2", 11, "0.0"),
-        ],
-        [individual("2.0", 1, "1.2"), individual("2.1", 8, "1.1", "1.2")],
-        [individual("3.0", 1, "2.0")],
-    ]
-    run, trees = list[GenerationView](), []
-    injected = SimpleNamespace(injected=True, target="rare", edits=())
-    for generation, people in enumerate(populations):
-        first = replace(first, guidance=injected if generation == 0 else None)  # type: ignore[arg-type]
-        now = replace(first.snapshot, generation=generation)
-        run.append(replace(first, snapshot=now, individuals=tuple(people)))
-        trees.append(injected_trees(run)[0])
-    assert [(f.rank, f.new.fitness) for f in trees] == [(3, 5)] * 4
-    alive = [
-        [i for i in people if i.id in f.family]
-        for f, people in zip(trees, populations, strict=True)
-    ]
-    assert [*map(len, alive)] == [1, 2, 1, 0]
-    assert [best_rank(some, populations[k]) for k, some in enumerate(alive[:3])] == [3, 2, 1]
-    assert trees[-1].last == 2
+def test_a_decision_has_its_tree_with_points_and_rank() -> None:
+    """Of the generation in which the tree was evaluated first; an unchanged one is shown once."""
+    _, keeps = small_run()
+    text = adviser().request("tree", keeps.states[-1]).turns[0]
+    view = [v for v in keeps.generations if v.guidance and v.guidance.injected][-1]
+    new = next(i for i in view.individuals if i.origin == "injected")
+    rank = 1 + sum(i.fitness > new.fitness for i in view.individuals)
+    assert f" points, rank {rank} of {len(view.individuals)}" in text
+    assert f"for generation {view.snapshot.generation} by expert:" in text
 
 
 def test_the_most_lacking_shows_the_fewest_behaviours() -> None:

@@ -13,8 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from islandgp.bt.core.engine import ABORTED
 from islandgp.bt.core.language import parse, to_text
-from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node, depth, size, walk
+from islandgp.bt.core.node import SUCCESS, Node, depth, size, walk
 from islandgp.config.settings import Settings
 from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.evaluation.base import Problem
@@ -23,9 +24,10 @@ from islandgp.evolution.loop import evolve
 from islandgp.experiment import compose
 from islandgp.resources import resource
 from islandgp.running.parts import make_search, make_supervisor, run_context
+from islandgp.scoring.explain import usage
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, Guidance, RunContext, Supervisor
-from islandgp.supervision.llm.history import describe_episode
+from islandgp.supervision.llm.history import deeds
 from islandgp.supervision.llm.prompts import fixed_values
 from islandgp.supervision.llm.questions import Questions
 from islandgp.text import in_points, rounded
@@ -158,14 +160,16 @@ def test_prompts_of_the_island_are_short() -> None:
 
 
 class _Count:
-    """Counts the successes of actions in an episode."""
+    """Counts the successes of actions in an episode, and knows which ran."""
 
     def __init__(self, tree: Node) -> None:
         self.actions, self.counts = [node.action for node in walk(tree)], Counter[str]()
+        self.ran = set[str]()
 
     def node(self, place: int, status: int) -> None:
-        if self.actions[place] and status == SUCCESS:
-            self.counts[self.actions[place]] += 1
+        if self.actions[place] and status != ABORTED:
+            self.ran.add(self.actions[place])
+            self.counts[self.actions[place]] += status == SUCCESS
 
     def tick(self, *_: object) -> None: ...
 
@@ -173,41 +177,19 @@ class _Count:
 
 
 def test_traces_count_instant_actions() -> None:
-    """Each action of the tree, with its successes; none that succeeded is denied."""
+    """Each action of the tree, with its ticks and successes; none that ran is denied."""
     domain = compose(
         "domain=pick_place", "tracking=off", config_dir=EXAMPLES / "pick_place" / "conf"
     ).domain
     tree = parse((EXAMPLES / "pick_place" / "carry.bt").read_text(), domain.schema.vocabulary)
-    _, lines = describe_episode(domain, tree, 0, {})
     count = _Count(tree)
     domain.run_episode(tree, 0, {}, count)
-    (line,) = [line for line in lines if line.startswith("- succeeded: ")]
-    assert line == "- succeeded: " + ", ".join(
-        f"{name} {count.counts[name]}x" for name in dict.fromkeys(filter(None, count.actions))
-    )
-    denied = [line for line in lines if "never" in line]
-    assert not any(name in line for name in count.counts for line in denied)
-
-
-def test_an_action_that_ends_the_episode_is_not_denied() -> None:
-    """It runs in the last tick, so its success is not seen; the trace says that it was running."""
-    domain = compose("domain=cartpole", "tracking=off").domain
-    vocabulary = domain.schema.vocabulary
-
-    class Ends:
-        """The domain, with an episode that ends while an action runs that failed before."""
-
-        schema, step_s = domain.schema, domain.step_s
-
-        def run_episode(self, *arguments: Any) -> None:
-            log = arguments[-1]
-            for status in (FAILURE, RUNNING):
-                log.node(0, status)
-                log.tick([0.0] * len(vocabulary.keys), None)
-
-    _, lines = describe_episode(Ends(), parse("PushLeft", vocabulary), 0, {})  # type: ignore[arg-type]
-    assert "- running at the end, without a success before: PushLeft" in lines
-    assert not any("never" in line for line in lines)
+    usages = usage(lambda t, seed, log: domain.run_episode(t, seed, {}, log), tree, [0])
+    lines = deeds(tree, usages)
+    for line, name in zip(lines, dict.fromkeys(filter(None, count.actions)), strict=True):
+        assert line.startswith(f"- {name}")
+        assert ("never ran" in line) == (name not in count.ran)
+        assert f"succeeded {count.counts[name]}x" in line or name not in count.ran
 
 
 def test_shipped_trees_are_within_the_limits() -> None:

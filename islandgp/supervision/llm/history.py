@@ -1,4 +1,4 @@
-"""The sections of prompts on the run so far: classes, injected trees, decisions, traces, edits.
+"""The sections of prompts on the run so far: classes, decisions, traces, edits.
 
 Their texts are in `prompts/history.jinja`. They depend on the configuration, the domain and the
 records of generations only, so a resumed run and a replay have the same. Their size is limited, and
@@ -7,74 +7,38 @@ no tree is shown twice in a prompt.
 
 from __future__ import annotations
 
-from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from math import isfinite
 from statistics import fmean
 from typing import Any, Final
 
-from islandgp.bt.core.engine import ABORTED
 from islandgp.bt.core.language import parse, to_text
-from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node, walk
-from islandgp.domain import Domain, Observer, Outcome, Scene
+from islandgp.bt.core.node import Node, walk
+from islandgp.domain import Domain, Observer, Outcome
 from islandgp.gp.edits import EditRecord, EditTrial, nodes_with_paths, path_text
-from islandgp.gp.population import Origin
 from islandgp.gp.record import IndividualRecord
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import merit, violation
-from islandgp.scoring.explain import explained_in_text
+from islandgp.scoring.explain import NodeUsage, Run, explained_in_text, usage
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, RunContext
 from islandgp.supervision.llm.prompts import about, environment
 from islandgp.text import in_points
 
 ROWS: Final = 40  # most classes, and most learned sentences, in a prompt
-KEPT: Final = 5  # most injected trees and decisions in a prompt
+KEPT: Final = 5  # most decisions in a prompt
 MAX_PAST_EDITS: Final = 8  # most earlier edits in a prompt
 NEIGHBOURS: Final = 3  # most individuals in a prompt besides the parents
 LINES: Final = 60  # most nodes of a listed tree
 
-SPANS: Final = 8  # parts of an episode, one line each
-MAX_NAMED: Final = 4  # most actions and events named in a span
-KEYS: Final = 12  # most keys that are described
 PARTS: Final = 3  # most components of a class's earnings
 
-RUN_VALUES: Final = ("earnings", "injected", "traces", "decisions", "learned")
+RUN_VALUES: Final = ("earnings", "traces", "decisions", "learned")
 EDIT_VALUES: Final = ("parents", "neighbours", "past_edits")
 """Variables of prompts that differ between generations."""
 OF_STATE: Final = ("urgency", "progress")
 """Those that need the population's state only."""
-
-
-@dataclass(frozen=True, slots=True)
-class InjectedTree:
-    """An injected tree with its descendants."""
-
-    generation: int  # of its first evaluation
-    target: str  # its purpose
-    new: IndividualRecord  # at its first evaluation, possibly mutated
-    rank: int  # by fitness in that generation, from 1
-    family: frozenset[str]  # ids of all descendants so far; a search can keep some aside
-    last: int  # last generation with any
-
-
-def injected_trees(history: Sequence[GenerationView]) -> list[InjectedTree]:
-    """The KEPT trees of a run that were injected last, the oldest first."""
-    trees: list[InjectedTree] = []
-    for k, view in enumerate(history):
-        if view.guidance is None or not view.guidance.injected:
-            continue
-        for new in (i for i in view.individuals if i.origin == Origin.INJECTED):
-            family, last = {new.id}, view
-            for later in history[k + 1 :]:
-                alive = {i.id for i in later.individuals if not family.isdisjoint(i.parents)}
-                family, last = family | alive, later if alive else last
-            born, target = view.snapshot.generation, view.guidance.target or ""
-            rank, end = best_rank([new], view.individuals), last.snapshot.generation
-            trees.append(InjectedTree(born, target, new, rank, frozenset(family), end))
-    return trees[-KEPT:]
 
 
 def past_edits(
@@ -97,12 +61,6 @@ def past_edits(
 def ranked(individuals: Sequence[IndividualRecord]) -> list[IndividualRecord]:
     """The individuals by fitness, best first; equal ones in slot order."""
     return sorted(individuals, key=lambda i: -i.fitness)
-
-
-def best_rank(some: Sequence[IndividualRecord], population: Sequence[IndividualRecord]) -> int:
-    """The rank by fitness, from 1, of the fittest of some individuals of a population."""
-    order = [i.id for i in ranked(population)]
-    return 1 + min(order.index(i.id) for i in some)
 
 
 def sections(
@@ -141,8 +99,7 @@ def sections(
         values |= {
             "names": {*names, *OF_STATE},
             "view": view,
-            "injected_trees": injected_trees(history),
-            "changes": [(b.guidance, a.snapshot, b.snapshot) for a, b in pairwise(history)][-KEPT:],
+            "changes": [*pairwise(history)][-KEPT:],
             "all_edits": past_edits(history),
             "groups": dict([*groups.items()][:ROWS]),
             "learned_lines": view.learned[:ROWS],
@@ -155,7 +112,7 @@ def sections(
             "traced": traced,
             "episodes": episodes,
             "listing": lambda tree: listing(parse(tree, context.schema.vocabulary)),
-            "best_rank": best_rank,
+            "ranked": ranked,
             "components": components,
             "mean": fmean,
         }
@@ -199,104 +156,25 @@ def listing(tree: Node) -> list[str]:
     ]
 
 
-class EpisodeLog:
-    """An observer that records the data of the description."""
+def deeds(tree: Node, usages: Sequence[NodeUsage]) -> list[str]:
+    """A line for each action of a tree: what its nodes did in an episode.
 
-    def __init__(self, tree: Node) -> None:
-        self.names = [n.action for n in walk(tree)]
-        self.actions = list(dict.fromkeys(filter(None, self.names)))
-        self.statuses: list[tuple[int, str, int]] = []  # tick, action, status
-        self.boards: list[tuple[float, ...]] = []  # by tick
-        self.credits: list[tuple[int, str, float]] = []  # tick, event, points
-
-    def node(self, place: int, status: int) -> None:
-        """See `Observer`."""
-        if (action := self.names[place]) and status != ABORTED:
-            self.statuses.append((len(self.boards), action, status))
-
-    def tick(self, board: Sequence[float], scene: Scene | None) -> None:  # noqa: ARG002 -- the protocol's
-        """See `Observer`."""
-        self.boards.append(tuple(map(float, board)))
-
-    def credit(self, component: str, points: float, event: str, action: str) -> None:  # noqa: ARG002 -- the protocol's
-        """See `Observer`."""
-        self.credits.append((len(self.boards), event, points))
-
-
-def describe_episode(
-    domain: Domain, tree: Node, seed: int, weights: Mapping[str, float]
-) -> tuple[Outcome, list[str]]:
-    """An episode's outcome and its description in at most SPANS + KEYS + 3 lines.
-
-    It runs one episode, which is a function of the arguments.
+    Args:
+        tree: that was run.
+        usages: of its nodes, in document order, in one world.
     """
-    log = EpisodeLog(tree)
-    outcome = domain.run_episode(tree, seed, weights, log)
-    return outcome, [*_course(log, domain.step_s), *_ends(log), *_keys(log, domain)]
-
-
-def _course(log: EpisodeLog, step_s: float) -> Iterator[str]:
-    """A line for each of SPANS equal parts of the episode."""
-    ticks = len(log.boards)
-    did = {(tick, name) for tick, name, s in log.statuses if s in (RUNNING, AGAIN, SUCCESS)}
-    for begin, end in pairwise(sorted({ticks * k // SPANS for k in range(SPANS + 1)})):
-        active = Counter(name for tick, name in sorted(did) if begin <= tick < end)
-        shares = ", ".join(
-            f"{name} {f'{n / (end - begin):.0%}' if n * 100 >= end - begin else f'{n} ticks'}"
-            for name, n in active.most_common(MAX_NAMED)
-        )
-        inside = [
-            (e, points) for tick, e, points in log.credits if begin <= min(tick, ticks - 1) < end
-        ]
-        events = Counter(event for event, _ in inside)
-        earned = ", ".join(f"{event} {n}x" for event, n in events.most_common(MAX_NAMED))
-        gain = sum(points for _, points in inside)
-        tail = f"; {earned}: {in_points(gain, '+')} points" if inside else ""
-        times = f"{in_points(begin * step_s)} to {in_points(end * step_s)} s"
-        yield f"- {times}: {shares or 'nothing'}{tail}"
-
-
-def _ends(log: EpisodeLog) -> Iterator[str]:
-    """How the actions of the tree ended; each of them is in one of the lines, or ran to the end."""
-    succeeded = Counter(name for _, name, s in log.statuses if s == SUCCESS)
-    failed = Counter(name for _, name, s in log.statuses if s == FAILURE)
-    going = (RUNNING, AGAIN)
-    running = {n for tick, n, s in log.statuses if s in going and tick == len(log.boards) - 1}
-    running -= succeeded.keys()
-    started = {name for _, name, _ in log.statuses}
-    none = Counter[str]()
-    for what, names, counts in (
-        ("succeeded", succeeded.keys(), succeeded),
-        ("running at the end, without a success before", running, none),
-        ("failed and never succeeded", failed.keys() - succeeded.keys() - running, failed),
-        ("never started", set(log.actions) - started, none),
-    ):
-        texts = [n + (f" {counts[n]}x" if n in counts else "") for n in log.actions if n in names]
-        if texts:
-            yield f"- {what}: {', '.join(texts)}"
-
-
-def _keys(log: EpisodeLog, domain: Domain) -> Iterator[str]:
-    """The values of the first KEYS keys over the episode."""
-    keys = list(domain.schema.vocabulary.keys.items())[:KEYS]
-    for (name, key), values in zip(keys, zip(*log.boards, strict=True), strict=False):
-        points = [(v, tick) for tick, v in enumerate(values) if isfinite(v)]
-        if key.flag:
-            yield f"- {name}: yes in {sum(v != 0 for v in values) / len(values):.0%} of the time"
-        elif key.words:
-            counts = Counter(map(key.text_of, values)).most_common()
-            shares = ", ".join(f"{value} {n / len(values):.0%}" for value, n in counts)
-            yield f"- {name}: {shares} of the time"
-        elif points and min(points)[0] == max(points)[0]:
-            yield f"- {name}: {in_points(points[0][0])} throughout"
-        elif points:
-            low, trough = min(points)
-            high, peak = max(points, key=lambda pair: (pair[0], -pair[1]))
-            yield (
-                f"- {name}: {in_points(points[0][0])} at first, {in_points(points[-1][0])} at the"
-                f" end; least {in_points(low)} at {in_points(trough * domain.step_s)} s,"
-                f" most {in_points(high)} at {in_points(peak * domain.step_s)} s"
-            )
+    actions: dict[str, list[NodeUsage]] = {}
+    for node, own in zip(walk(tree), usages, strict=True):
+        if node.action:
+            actions.setdefault(to_text(node).strip(), []).append(own)
+    lines = []
+    for action, nodes in actions.items():
+        ticks, succeeded = sum(u.ticks for u in nodes), sum(u.successes for u in nodes)
+        failed, points = sum(u.failures for u in nodes), sum(u.points for u in nodes)
+        counts = f"{ticks:g} ticks, succeeded {succeeded:g}x, failed {failed:g}x"
+        earned = f", {in_points(points, '+')} points" if points else ""
+        lines.append(f"- {action}: {counts if ticks else 'never ran'}{earned}")
+    return lines
 
 
 @dataclass
@@ -312,25 +190,29 @@ class EpisodeTexts:
         place = 0 if gp.shared_seed else view.individuals.index(i) * gp.episodes
         return self.context.domain_in(view.snapshot.generation), view.worlds[place]
 
-    def described(self, i: IndividualRecord) -> tuple[Outcome, str, list[str]]:
-        """The outcome of an individual's episode, its world in words, and its course in lines."""
-        domain, seed = self._world(i)
-        tree = parse(i.tree, self.context.schema.vocabulary)
-        outcome, lines = describe_episode(domain, tree, seed, self.view.multipliers)
-        self.number += 1
-        return outcome, about(domain, seed), lines
+    def _tree(self, i: IndividualRecord) -> Node:
+        return parse(i.tree, self.context.schema.vocabulary)
+
+    def _run(self, domain: Domain, outcomes: list[Outcome]) -> Run:
+        """Runs episodes with the generation's factors, and keeps their outcomes."""
+
+        def run(tree: Node, seed: int, observer: Observer | None) -> Outcome:
+            self.number += 1
+            outcomes.append(domain.run_episode(tree, seed, self.view.multipliers, observer))
+            return outcomes[-1]
+
+        return run
+
+    def described(self, i: IndividualRecord) -> tuple[Outcome, str, int, list[str]]:
+        """The outcome of an individual's episode, its world in words, its ticks, and its deeds."""
+        (domain, seed), tree, outcomes = self._world(i), self._tree(i), list[Outcome]()
+        usages = usage(self._run(domain, outcomes), tree, [seed])
+        return outcomes[0], about(domain, seed), int(usages[0].ticks), deeds(tree, usages)
 
     def explained(self, i: IndividualRecord) -> str:
         """An individual's tree with what each branch did and is worth."""
-        domain, first = self._world(i)
-
-        def run(tree: Node, seed: int, observer: Observer | None) -> Outcome:
-            return domain.run_episode(tree, seed, self.view.multipliers, observer)
-
-        tree = parse(i.tree, self.context.schema.vocabulary)
-        text, episodes = explained_in_text(run, tree, [first])
-        self.number += episodes
-        return text
+        domain, seed = self._world(i)
+        return explained_in_text(self._run(domain, []), self._tree(i), [seed])[0]
 
 
 def components(members: Sequence[IndividualRecord]) -> str:
