@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import signal
 import sys
@@ -24,6 +25,8 @@ EXIT_LIMIT = 5.0  # s for threads to end after Ctrl-C
 def leave(code: object) -> NoReturn:
     """Ends the process with an exit code, as `sys.exit`.
 
+    Python does not collect garbage any more, which takes a second with MLflow's objects.
+
     After Ctrl-C, a thread may wait for a lock that was never released. The process does not wait
     for it longer than EXIT_LIMIT.
     """
@@ -33,6 +36,7 @@ def leave(code: object) -> NoReturn:
         watchdog = threading.Timer(EXIT_LIMIT, os._exit, (130,))
         watchdog.daemon = True
         watchdog.start()
+    gc.freeze()
     sys.exit(code)  # type: ignore[arg-type]
 
 
