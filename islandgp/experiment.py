@@ -14,29 +14,26 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Any, Final
+from typing import Any
 
 import numpy as np
 
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node
 from islandgp.config.compose import only_job
-from islandgp.config.settings import Settings, read_settings
+from islandgp.config.settings import Settings
 from islandgp.domain import Domain, Outcome
 from islandgp.errors import ConfigError
 from islandgp.evaluation.base import evaluated
 from islandgp.evaluation.serial import Serial
 from islandgp.evolution.generation import evaluate, training_seeds
 from islandgp.evolution.loop import evolve
-from islandgp.gate import must_be_known_code, user_folder
 from islandgp.gp.plan import Plan
 from islandgp.gp.population import Evaluated, Individual
-from islandgp.gp.record import GenerationRecord, GuidanceRecord, Step
-from islandgp.gp.state import population_state
+from islandgp.gp.record import GenerationRecord, Step
 from islandgp.results import Results, load
 from islandgp.running.parts import make_search, make_supervisor, plan_of
 from islandgp.running.run import run as run_settings
-from islandgp.scoring.state import PopulationState
 from islandgp.search.base import Search
 
 
@@ -178,42 +175,6 @@ def _seeds(worlds: Iterable[Any]) -> list[int]:
     if odd := [w for w in seeds if not (isinstance(w, int | np.integer) and 0 <= w < 2**32)]:
         raise ConfigError(f"worlds: expected seeds from 0 to {2**32 - 1}, found {odd[0]!r}")
     return [int(w) for w in seeds]
-
-
-NO_CODE: Final = frozenset({"tags", "name", "runs", "start", "resume", "progress"})
-"""Top-level keys of a configuration whose values name no code."""
-
-
-def recorded_decisions(
-    path: str | Path, *, config_dir: str | Path | None = None
-) -> Iterator[tuple[PopulationState, GuidanceRecord]]:
-    """Reads the decisions of a run's supervisor from its records.
-
-    Args:
-        path: of the run's folder.
-        config_dir: your folder of configuration, which names the run's classes and functions; not
-            needed for those of this package and of installed distributions.
-
-    Yields:
-        The state of the population (Table 5) that the supervisor was asked about, and its answer,
-        for each generation with one.
-
-    Raises:
-        RunError: the folder has no run, or the run is damaged.
-        UntrustedError: the run names other code.
-    """
-    (folder,) = load(path).folders
-    config = folder.configuration()
-    with user_folder(None if config_dir is None else Path(config_dir)):
-        must_be_known_code({key: v for key, v in config.items() if key not in NO_CODE})
-    settings = read_settings(config)
-    plan = settings.plan(settings.make_domain())
-    records = list(folder.generations())
-    history = [record.snapshot for record in records]
-    for record in records:
-        guidance = record.guidance
-        if guidance is not None and guidance.asked_at is not None:
-            yield population_state(plan, history[: guidance.asked_at + 1]), guidance
 
 
 def compose(*overrides: str, config_dir: str | Path | None = None) -> Experiment:

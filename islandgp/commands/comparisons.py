@@ -117,13 +117,6 @@ OPTIONS = (
         "--force", is_flag=True, help="Compare arms that are not comparable, with a warning."
     ),
     click.option(
-        "--margin",
-        "margins",
-        multiple=True,
-        metavar="MEASURE=VALUE",
-        help="Largest difference at which arms count as equivalent.",
-    ),
-    click.option(
         "--primary",
         metavar="MEASURE",
         help="Primary endpoint: one test of the first two arms, not adjusted.",
@@ -160,10 +153,10 @@ def compare_command(options: CompareOptions) -> None:
 
     Prints the result, and writes a page (index.html), CSV files and figures (SVG).
     """
-    study, plan, folder = select_study(options)
+    study, folder = select_study(options)
     check_place(folder, is_folder=True)
     make = partial(Processes, workers=options.workers or cores())
-    report = build(study, plan, worlds=options.worlds, make=make)
+    report = build(study, options.primary, worlds=options.worlds, make=make)
     try:
         write(report, folder)
     except OSError as error:

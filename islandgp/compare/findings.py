@@ -3,9 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from itertools import combinations, product
-from math import isfinite, isnan, nan
+from math import isnan, nan
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
@@ -38,65 +37,31 @@ Row = Mapping[str, Any]
 """A comparison of two arms by a measure: a row of tests.csv."""
 
 
-@dataclass(frozen=True, slots=True)
-class AnalysisPlan:
-    """The analysis plan, by the options of the command."""
-
-    primary: str | None = None  # key of the measure that is the primary endpoint
-    margins: Mapping[str, float] = field(default_factory=dict)  # by measure, in its unit, > 0
-
-
-DEFAULT_PLAN: Final = AnalysisPlan()
-"""The default plan."""
-
-
-def parse_plan(primary: str | None, margins: Sequence[str]) -> AnalysisPlan:
-    """Parses the options of a plan. Raises StudyError if one is not valid."""
-    bounds: dict[str, float] = {}
-    for text in margins:
-        name, _, rest = text.partition("=")
-        try:
-            value = float(rest)
-        except ValueError:
-            value = nan
-        if name in bounds or not (name and isfinite(value) and value > 0):
-            raise StudyError(
-                f"Expected --margin MEASURE=VALUE with a value above 0, once for a measure, found"
-                f" {text!r}; for instance --margin mean_fitness_max=2500."
-            )
-        bounds[name] = value
-    return AnalysisPlan(primary, bounds)
-
-
-def check_plan(plan: AnalysisPlan, measures: Sequence[Measure]) -> None:
-    """Raises StudyError if a plan names another measure."""
+def check_primary(primary: str | None, measures: Sequence[Measure]) -> None:
+    """Raises StudyError if the primary endpoint is none of these measures."""
     keys = [measure.key for measure in measures]
-    for key in (*([] if plan.primary is None else [plan.primary]), *plan.margins):
-        if key not in keys:
-            raise StudyError(
-                f"Expected a measure in --primary and --margin, found {key!r}; there are"
-                f" {', '.join(keys)}."
-            )
+    if primary not in (None, *keys):
+        raise StudyError(
+            f"Expected a measure in --primary, found {primary!r}; there are {', '.join(keys)}."
+        )
 
 
-def examine_all(study: Comparison, plan: AnalysisPlan, measures: Sequence[Measure]) -> DataFrame:
+def examine_all(study: Comparison, measures: Sequence[Measure]) -> DataFrame:
     """The comparisons of all pairs of arms by all measures.
 
     p-values are adjusted over a family of comparisons. One has the first pair of arms, the other
-    all other pairs: with margins, by the measures with margins only. Those of other measures, and
-    of those that are not `main`, are adjusted separately.
+    all other pairs. Those of measures that are not `main` are adjusted separately.
     """
     from pandas import DataFrame
 
     rows = []
     for (a, b), measure in product(study.pairs, measures):
         name = FIRST if (a, b) == study.pairs[0] else REST
-        inside = measure.main if name == FIRST or not plan.margins else measure.key in plan.margins
         shared = [*shared_seeds(a, b)]
         samples = [study.of_arm(arm.name).set_index("seed")[measure.key] for arm in (a, b)]
         pairs = [sample.loc[shared] for sample in samples]
         row = examine(measure, (a.name, b.name), samples, study.horizon, pairs=pairs)
-        rows.append({**row, "family": name if inside else f"{name}, further"})
+        rows.append({**row, "family": name if measure.main else f"{name}, further"})
     return adjust(DataFrame(rows))
 
 
@@ -185,21 +150,15 @@ def decisive(row: Row) -> tuple[float, float, str]:
     return row["p"], row["p_bh"], "Mann-Whitney U"
 
 
-def verdict(row: Row, margin: float | None = None, *, planned: bool = False) -> str:
+def verdict(row: Row, *, planned: bool = False) -> str:
     """The verdict on two arms, by the adjusted p; by p for a planned endpoint."""
     if isnan(row["difference"]):
         return "never in either arm"
     if row["paired_kind"] == UNTESTED:
         return "equal in every pair"
     p, q, _ = decisive(row)
-    low, high = row["difference_low"], row["difference_high"]
-    alike = margin is not None and not isnan(low) and -margin < low <= high < margin
-    within = f"alike within ±{margin:,g}" if alike else ""
     if (p if planned else q) < LEVEL:
-        side = "lower" if row["difference"] < 0 else "higher"
-        return f"{side}, shown" + (f", but {within}" if within else "")
-    if within:
-        return within
+        return ("lower" if row["difference"] < 0 else "higher") + ", shown"
     least = least_p(row["pairs"]) if row["pairs"] else least_p(row["n_first"], row["n_second"])
     return "not shown" if least < LEVEL else f"not shown: too few runs (least p {least:.2g})"
 

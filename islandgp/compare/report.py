@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Final
 from islandgp.compare import champions, figures, findings, tables
 from islandgp.compare.arms import arms_of_sweep, find, in_short, select_arms
 from islandgp.compare.comparable import Comparison, compare_arms, shared_seeds
-from islandgp.compare.findings import DEFAULT_PLAN, AnalysisPlan, Row
+from islandgp.compare.findings import Row
 from islandgp.compare.measures import COSTS, MEAN_MAX, POINTS, Measure, training_measures
 from islandgp.records.parameters import short_key
 from islandgp.statistics import LEVEL, UNTESTED, detectable_shift, least_p
@@ -36,7 +36,6 @@ class CompareOptions:
     arms: tuple[str, ...] = ()  # NAME=SELECTION, or a printed name; (): those of the sweep
     out: Path | None = None  # folder of the report; None: study/NAME
     primary: str | None = None
-    margins: tuple[str, ...] = ()
     force: bool = False
     worlds: int = 100  # unseen ones; 0: none
     workers: int = 0  # processes; 0: one per core
@@ -47,7 +46,7 @@ class Report:
     """The content of a comparison's report."""
 
     study: Comparison
-    plan: AnalysisPlan
+    primary: str | None  # key of the measure that is the primary endpoint
     measures: tuple[Measure, ...]
     rows: DataFrame  # of tests.csv
     champions: DataFrame | None  # best robots and library trees in unseen worlds
@@ -62,7 +61,7 @@ class Report:
         points = [m.key for m in self.measures if m.unit == POINTS]
         unseen = [key for key in keys if key.startswith("unseen")]
         usual = [*unseen, *([MEAN_MAX.key] if MEAN_MAX.key in keys else points)]
-        return self.measures[keys.index(self.plan.primary or [*usual, "mean_diversity"][0])]
+        return self.measures[keys.index(self.primary or [*usual, "mean_diversity"][0])]
 
     @property
     def question(self) -> str:
@@ -88,9 +87,9 @@ class Report:
 
     def _sentence(self, row: Row) -> str:
         is_endpoint = row["measure"] == self.endpoint.key
-        planned = self.plan.primary == row["measure"] and row["family"] == findings.FIRST
+        planned = self.primary == row["measure"] and row["family"] == findings.FIRST
         p, q, test = findings.decisive(row)
-        said = findings.verdict(row, self.plan.margins.get(row["measure"]), planned=planned)
+        said = findings.verdict(row, planned=planned)
         start = f"{row['first']} minus {row['second']}"
         start += "" if is_endpoint else f", {row['label']}"
         if isnan(row["difference"]) or row["paired_kind"] == UNTESTED:
@@ -106,7 +105,7 @@ class Report:
             for arm in study.arms
         ]
         arms = "; ".join(runs[:FEW]) + f"; {len(runs) - FEW} more" * (len(runs) > FEW)
-        planned = "planned" if self.plan.primary else "not planned: --primary MEASURE states it"
+        planned = "planned" if self.primary else "not planned: --primary MEASURE states it"
         doubts = [f"Not comparable: {doubt}" for doubt in study.comparability_warnings]
         lines = [
             *doubts[:FEW],
@@ -168,21 +167,21 @@ def _file_name(key: str) -> str:
     return re.sub(r"[^\w.+-]+", "-", key).strip("-.")[:100]
 
 
-def select_study(options: CompareOptions) -> tuple[Comparison, AnalysisPlan, Path]:
-    """The chosen arms, the plan, and the folder for the report.
+def select_study(options: CompareOptions) -> tuple[Comparison, Path]:
+    """The chosen arms, and the folder for the report.
 
     Raises:
-        StudyError: there are no such arms, they are not comparable, or the plan does not fit them.
+        StudyError: there are no such arms, they are not comparable, or have no such endpoint.
         RunError: a run is damaged.
     """
-    plan = findings.parse_plan(options.primary, options.margins)
     folders = (*options.runs, *options.folders) or (Path("runs"),)
     runs = find(folders, options.name)
     arms, notes = select_arms(options.arms, runs) if options.arms else arms_of_sweep(runs)
     study = compare_arms(arms, force=options.force, notes=notes)
-    findings.check_plan(plan, study_measures(study, with_worlds=options.worlds > 0))
+    measures = study_measures(study, with_worlds=options.worlds > 0)
+    findings.check_primary(options.primary, measures)
     name = "-".join(study.names) if options.arms else str(study.arms[0].runs[0].config["name"])
-    return study, plan, options.out or Path("study") / _file_name(name)
+    return study, options.out or Path("study") / _file_name(name)
 
 
 def study_measures(study: Comparison, *, with_worlds: bool) -> tuple[Measure, ...]:
@@ -197,7 +196,7 @@ def study_measures(study: Comparison, *, with_worlds: bool) -> tuple[Measure, ..
 
 def build(
     study: Comparison,
-    plan: AnalysisPlan = DEFAULT_PLAN,
+    primary: str | None = None,
     *,
     worlds: int = 0,
     make: champions.Make | None = None,
@@ -206,12 +205,12 @@ def build(
 
     Args:
         study: the arms.
-        plan: endpoint and margins.
+        primary: key of the measure that is the primary endpoint; None: none was planned.
         worlds: number of unseen worlds for the best robots and the library's trees.
         make: creates an evaluator for these worlds; None: without them.
 
     Raises:
-        StudyError: the domain cannot be imported, or the plan has another measure.
+        StudyError: the domain cannot be imported, or there is no such measure.
         EvaluationError: an episode cannot be run.
     """
     tested = None
@@ -222,10 +221,9 @@ def build(
         tested = champions.evaluate_champions(study, make, worlds=worlds, trees=trees)
         study = replace(study, runs=champions.with_champions(study, tested))
     measures = study_measures(study, with_worlds=tested is not None)
-    findings.check_plan(plan, measures)
-    requested = {plan.primary, *plan.margins}
-    rows = findings.examine_all(study, plan, [m for m in measures if m.main or m.key in requested])
-    report = Report(study, plan, measures, rows, tested, worlds)
+    findings.check_primary(primary, measures)
+    rows = findings.examine_all(study, [m for m in measures if m.main or m.key == primary])
+    report = Report(study, primary, measures, rows, tested, worlds)
     report.tables.update(_tables(report))
     report.figures["curves"] = figures.curves(study)
     if study.classes.milestones:
@@ -236,21 +234,19 @@ def build(
 
 
 def _tables(report: Report) -> dict[str, DataFrame]:
-    study, plan, rows = report.study, report.plan, report.rows
+    study, rows = report.study, report.rows
     makers: dict[str, Callable[[Comparison], DataFrame]] = {
         "arms": tables.arms_table,
         "components": tables.components_table,
         "origins": tables.origins_table,
         "behaviours": tables.behaviours_table,
-        "decisions": tables.decisions_table,
         "costs": tables.costs_table,
     }
     found = {key: make(study) for key, make in makers.items()}
     for a, b in study.pairs:
         of_pair = rows[(rows["first"] == a.name) & (rows["second"] == b.name)]
-        planned = plan.primary if (a.name, b.name) == study.names[:2] else None
-        table = tables.differences_table(of_pair, plan.margins, planned or "")
-        found[f"differences {a.name} {b.name}"] = table
+        planned = report.primary if (a.name, b.name) == study.names[:2] else None
+        found[f"differences {a.name} {b.name}"] = tables.differences_table(of_pair, planned)
     if report.champions is not None:
         found["unseen"] = tables.unseen_table(study, report.champions)
     chosen = [m for m in report.measures if m.main and (m.emergence or m.unit == POINTS)]

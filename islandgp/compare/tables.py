@@ -97,12 +97,13 @@ def _arm(study: Comparison, arm: Arm) -> Mapping[str, str | None]:
     }
 
 
-def differences_table(rows: DataFrame, margins: Mapping[str, float], primary: str) -> DataFrame:
+def differences_table(rows: DataFrame, primary: str | None) -> DataFrame:
     """The comparisons of a pair of arms: one estimand per row."""
     from pandas import DataFrame
 
-    records = rows.to_dict("records")
-    return DataFrame([_difference(row, margins.get(row["measure"]), primary) for row in records])
+    return DataFrame(
+        [_difference(row, row["measure"] == primary) for row in rows.to_dict("records")]
+    )
 
 
 def estimate(row: Row) -> str:
@@ -113,8 +114,8 @@ def estimate(row: Row) -> str:
     return interval(ends, DIGITS[row["unit"]], "+")
 
 
-def _difference(row: Row, margin: float | None, primary: str) -> Mapping[str, str]:
-    digits, planned = DIGITS[row["unit"]], row["measure"] == primary
+def _difference(row: Row, planned: bool) -> Mapping[str, str]:
+    digits = DIGITS[row["unit"]]
     p, q, test = decisive(row)
     a, b = row["mean_first"], row["mean_second"]
     is_meaningful = a >= 0 and b > 0 and not b < row["sd_second"]
@@ -134,8 +135,7 @@ def _difference(row: Row, margin: float | None, primary: str) -> Mapping[str, st
         "test": test,
         "p": probability(p),
         "p BH": NONE if planned else probability(q),
-        "margin": NONE if margin is None else f"±{margin:,g}",
-        "verdict": verdict(row, margin, planned=planned),
+        "verdict": verdict(row, planned=planned),
     }
 
 
@@ -217,35 +217,6 @@ def _by_arm(
     values = {arm: frame[frame["arm"] == arm] for arm in study.names}
     cells = {arm: [spread(v[name], digits) for name in columns] for arm, v in values.items()}
     return DataFrame({heading: [*columns.values()], **cells})
-
-
-def decisions_table(study: Comparison) -> DataFrame:
-    """Section 3.7: the shares of patterns, phases and targets, and the number of crises.
-
-    A crisis that lasts several generations counts once.
-    """
-    from pandas import DataFrame
-
-    cells: dict[str, dict[str, str]] = {arm: {} for arm in study.names}
-    made = study.generations[study.generations["source"].notna()]
-    for arm, each in made.groupby("arm"):
-        crises = each[each["crisis"] != each.groupby("run")["crisis"].shift()]["crisis"]
-        cells[arm] = {
-            "Decisions": number(len(each)),
-            "Interventions": number(each["intervention"].sum()),
-            **{f"Crises: {k}": number(n) for k, n in crises[crises != ""].value_counts().items()},
-        }
-        injected = each[each["injected"].astype(bool)]
-        for heading, column in (
-            ("Pattern", each["pattern"]),
-            ("Phase", each["phase"]),
-            ("Injected for", injected["target"]),
-        ):
-            for name, n in column.value_counts().items():
-                cells[arm][f"{heading}: {name.replace('_', ' ')}"] = percent(n / len(each))
-    table = DataFrame(cells).fillna(NONE)
-    order = sorted(table.index, key=lambda label: (":" in label, label))
-    return table.loc[order].reset_index(names="Decision")
 
 
 def origins_table(study: Comparison) -> DataFrame:

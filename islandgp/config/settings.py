@@ -8,16 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import Annotated, Any, Final, Literal
+from typing import Any, Final, Literal
 
-from pydantic import (
-    BaseModel,
-    BeforeValidator,
-    Field,
-    ValidationError,
-    ValidationInfo,
-    field_validator,
-)
+from pydantic import BaseModel, Field, ValidationError, ValidationInfo, field_validator
 
 from islandgp.config.errors import error_lines
 from islandgp.domain import Domain, RewardTable, Schema
@@ -45,29 +38,8 @@ from islandgp.search.breeding import Breeding
 from islandgp.supervision.base import SUPERVISES
 from islandgp.supervision.library import LibrarySettings
 
-TAG: Final = r"^[A-Za-z0-9_. :/-]{1,250}$"
-"""Names of tags that MLflow takes."""
-
-
-def _must_be_scalar(value: object) -> object:
-    if isinstance(value, str | int | float):
-        return value
-    raise ValueError(f"expected text, a number, true or false, found {value!r}")
-
-
-TagValue = Annotated[str | int | float | bool, BeforeValidator(_must_be_scalar)]
-
 NAME: Final = r"^[A-Za-z0-9][A-Za-z0-9._-]*$"
 """Names of runs and sweeps, which are names of folders."""
-
-OWN_TAGS: Final = frozenset(
-    {"domain", "supervisor", "arm", "seed", "sweep", "code", "config", "kind"}
-)
-"""Names of tags that every run has."""
-
-
-MACHINES_TAGS: Final = ("mlflow.", "islandgp.")
-"""Prefixes of tags that MLflow and the upload use."""
 
 
 class DomainSettings(ImportedClass, frozen=True, extra="forbid"):
@@ -137,7 +109,6 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     resume: Literal["auto", "never", "force"]
     keep_going: bool = True  # of a sweep, after a job has failed
     progress: Literal["plain", "off"]
-    tags: dict[Annotated[str, Field(pattern=TAG)], TagValue] = Field(default_factory=dict)
     start: str | None = Field(None, min_length=1)
     """First trees of generation 0: a .bt file, or a finished run, whose archive is used."""
     domain: DomainSettings
@@ -275,9 +246,6 @@ def _conflicts(settings: Settings) -> Iterator[str]:
     ):
         if value > most and (not key.startswith("gp.") or is_read(key, read)):
             yield f"{key}: expected at most {bound} = {most}, found {value}"
-    for tag in settings.tags:
-        if tag in OWN_TAGS or tag.startswith(MACHINES_TAGS):
-            yield f"tags.{tag}: expected a name of your own, found one that every run has"
     if settings.start is not None and gp.founders:
         yield (
             "gp.founders: expected one source of trees that open the population, found start"

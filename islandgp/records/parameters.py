@@ -10,7 +10,7 @@ from typing import Any, Final
 
 HIDDEN: Final = "***"  # replaces a secret
 RUNTIME_KEYS: Final = frozenset(
-    {"evaluator", "tracking", "runs", "resume", "keep_going", "progress", "tags"}
+    {"evaluator", "tracking", "runs", "resume", "keep_going", "progress"}
 )
 """Top-level keys that do not change a run's records, except for a user's evaluator class."""
 

@@ -108,7 +108,6 @@ def about_run(
         started=before.started if before else int(1000 * time()),
         identity=_hash(shaping),
         tags={
-            **{name: str(value) for name, value in settings.tags.items()},
             "domain": settings.make_domain().schema.vocabulary.domain,
             "supervisor": settings.supervisor.name,
             "arm": settings.supervisor.name,  # outside of sweeps

@@ -19,6 +19,4 @@ done
   --arm rate="name=ablation_rate_only $SEEDS $LIBRARY" \
   --arm combined="name=ablation_combined $SEEDS $LIBRARY" \
   --arm founders="name=ablation_founders $SEEDS library.folder=grammar/examples gp.founders=true" \
-  --primary first.complete \
-  --margin first.complete=3 --margin mean_diversity=0.03 --margin mean_fitness_max=2500 \
-  --worlds 30 -o studies/controls/results
+  --primary first.complete --worlds 30 -o studies/controls/results

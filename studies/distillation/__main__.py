@@ -12,14 +12,20 @@ from __future__ import annotations
 import argparse
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, Final
 
 import islandgp
+from islandgp.config.settings import read_settings
 from islandgp.errors import StudyError
-from islandgp.experiment import recorded_decisions
-from islandgp.scoring.state import Crisis
+from islandgp.gate import must_be_known_code, user_folder
+from islandgp.gp.record import GuidanceRecord
+from islandgp.gp.state import population_state
+from islandgp.scoring.state import Crisis, PopulationState
 from studies.distillation.fit import Case, Shape, distil, report_lines
 from studies.distillation.policy import NAME, Policy, features, rules
+
+NO_CODE: Final = frozenset({"name", "runs", "start", "resume", "progress"})
+"""Top-level keys of a configuration whose values name no code."""
 
 
 def main(arguments: Sequence[str] | None = None) -> None:
@@ -73,7 +79,7 @@ def cases_of(
 ) -> Iterator[Case]:
     """The decisions of a run's supervisor; those of its fallback are left out."""
     crisis = Crisis(**config["gp"]["crisis"])
-    for state, guidance in recorded_decisions(path, config_dir=config_dir):
+    for state, guidance in recorded_decisions(path, config, config_dir):
         if guidance.source != "fallback":
             given = {part: not _fell_back(guidance.notes, part) for part in ("tree", "rate")}
             yield Case(
@@ -82,6 +88,28 @@ def cases_of(
                 target=guidance.target if guidance.tree is not None and given["tree"] else None,
                 rate=guidance.wanted_rate if given["rate"] else None,
             )
+
+
+def recorded_decisions(
+    path: Path, config: dict[str, Any], config_dir: Path | None
+) -> Iterator[tuple[PopulationState, GuidanceRecord]]:
+    """The states that a run's supervisor was asked about, and its answers.
+
+    Raises:
+        RunError: the run is damaged.
+        UntrustedError: the run names code that the user's configuration does not name.
+    """
+    (folder,) = islandgp.load(path).folders
+    with user_folder(config_dir):
+        must_be_known_code({key: v for key, v in config.items() if key not in NO_CODE})
+    settings = read_settings(config)
+    plan = settings.plan(settings.make_domain())
+    records = list(folder.generations())
+    history = [record.snapshot for record in records]
+    for record in records:
+        guidance = record.guidance
+        if guidance is not None and guidance.asked_at is not None:
+            yield population_state(plan, history[: guidance.asked_at + 1]), guidance
 
 
 def _fell_back(notes: dict[str, Any], part: str) -> bool:

@@ -11,7 +11,7 @@ from scipy import stats  # type: ignore[import-untyped] # scipy ships no types
 
 from islandgp.compare.arms import Arm
 from islandgp.compare.comparable import compare_arms, shared_seeds
-from islandgp.compare.findings import DEFAULT_PLAN, examine_all
+from islandgp.compare.findings import examine_all
 from islandgp.compare.measures import FITNESS, emergence
 from islandgp.errors import StudyError
 from islandgp.statistics import UNTESTED
@@ -82,7 +82,7 @@ def test_runs_are_pairs_only_from_the_same_start(key: str, value: Any, expected:
     arms = [_arm("expert", range(2)), _arm("baseline", range(2), **{key: value})]
     study = compare_arms(arms, force=True)
     assert shared_seeds(*study.pairs[0]) == ((0, 1) if expected else ())
-    row = examine_all(study, DEFAULT_PLAN, FITNESS[:1]).iloc[0]
+    row = examine_all(study, FITNESS[:1]).iloc[0]
     assert bool(row["pairs"]) is expected
 
 
@@ -133,7 +133,7 @@ def test_arms_are_paired_by_the_seeds_that_they_share() -> None:
         "paired by the 15 seeds that they share (0-14); seeds 15-29 of expert have no pair" in note
         for note in study.notes
     )
-    row = examine_all(study, DEFAULT_PLAN, FITNESS[:1]).iloc[0]
+    row = examine_all(study, FITNESS[:1]).iloc[0]
     assert (row["n_first"], row["n_second"], row["pairs"]) == (30, 15, 15)
     paired = stats.wilcoxon(values["expert"][:15], values["baseline"])
     assert row["paired_p"] == pytest.approx(paired.pvalue)
@@ -228,7 +228,7 @@ def test_longer_runs_are_cut_where_the_shortest_ends() -> None:
     assert np.isnan(run["first.excellent"])
     assert any("The runs have 6 to 8 generations" in note for note in study.notes)
     firsts = [emergence("complete"), emergence("excellent")]
-    results = examine_all(study, DEFAULT_PLAN, firsts)
+    results = examine_all(study, firsts)
     assert [*results["censored_first"]] == [0, 1]
     assert results["kind"][1] == UNTESTED
 

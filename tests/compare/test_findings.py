@@ -7,18 +7,16 @@ import pytest
 from islandgp.compare.arms import Arm
 from islandgp.compare.comparable import Comparison, compare_arms
 from islandgp.compare.findings import (
-    DEFAULT_PLAN,
     FIRST,
     REST,
-    check_plan,
+    check_primary,
     effects,
     examine_all,
     factors,
-    parse_plan,
     row_of,
     verdict,
 )
-from islandgp.compare.measures import FITNESS, MEAN_MAX, emergence, training_measures
+from islandgp.compare.measures import FITNESS, MEAN_MAX, descendant, emergence, training_measures
 from islandgp.errors import StudyError
 from islandgp.statistics import paired_difference, paired_test
 from tests.compare.fake_runs import fake_arm, fake_run
@@ -55,7 +53,7 @@ TWO = {"expert": (100.0, 2), "baseline": (50.0, 5)}
 def test_a_row_by_hand() -> None:
     """Means, differences of the pairs, both tests; p adjusted over the family."""
     study = _study(6, **TWO)
-    rows = examine_all(study, DEFAULT_PLAN, [MEAN_MAX, emergence("complete")])
+    rows = examine_all(study, [MEAN_MAX, emergence("complete")])
     row = row_of(rows, "mean_fitness_max", ("expert", "baseline"))
     assert (row["mean_first"], row["mean_second"], row["difference"]) == (102.5, 52.5, 50.0)
     assert (row["difference_low"], row["difference_high"]) == (50.0, 50.0)
@@ -65,13 +63,12 @@ def test_a_row_by_hand() -> None:
     assert (row["family"], row["family_size"]) == (FIRST, 2)
     assert row["paired_p_bh"] == pytest.approx(2 / 64)
     assert verdict(row) == "higher, shown"
-    assert verdict(row, 60.0) == "higher, shown, but alike within ±60"
 
 
 def test_censored_runs_have_all_generations() -> None:
     """A run that never had one counts with all; two arms without any have no difference."""
     study = _study(expert=(100.0, 2), baseline=(50.0, None))
-    rows = examine_all(study, DEFAULT_PLAN, [emergence("complete"), emergence("excellent")])
+    rows = examine_all(study, [emergence("complete"), emergence("excellent")])
     row = rows.iloc[0]
     assert (row["mean_first"], row["mean_second"], row["censored_second"]) == (3.5, 12.0, 4)
     assert row["unit"] == "generations without one"
@@ -80,42 +77,31 @@ def test_censored_runs_have_all_generations() -> None:
 
 def test_too_few_runs_are_reported() -> None:
     """With four pairs no signed-rank test can be below 0.05."""
-    row = examine_all(_study(4, **TWO), DEFAULT_PLAN, [MEAN_MAX]).iloc[0]
+    row = examine_all(_study(4, **TWO), [MEAN_MAX]).iloc[0]
     assert verdict(row) == "not shown: too few runs (least p 0.12)"
-    assert verdict(row, 60.0) == "alike within ±60"
 
 
 def test_equal_pairs_are_equal() -> None:
     """Each pair has the same value."""
     study = _study(4, expert=(1.0, 1), baseline=(1.0, 1))
-    row = examine_all(study, DEFAULT_PLAN, [MEAN_MAX]).iloc[0]
+    row = examine_all(study, [MEAN_MAX]).iloc[0]
     assert verdict(row) == "equal in every pair"
 
 
 def test_the_first_pair_is_a_family() -> None:
-    """The other pairs are one; with margins, it has their measures alone."""
+    """The other pairs are one; a measure that is not `main` is adjusted apart."""
     study = _study(expert=(3.0, 1), baseline=(2.0, 1), editor=(1.0, 1))
-    for margins, further in (([], 0), (["mean_fitness_max=2"], 12)):
-        rows = examine_all(study, parse_plan(None, margins), FITNESS)
-        sizes = dict(zip(rows["family"], rows["family_size"], strict=True))
-        expected = {FIRST: 7, REST: 14 - further, f"{REST}, further": further}
-        assert sizes == {name: size for name, size in expected.items() if size}
+    rows = examine_all(study, [*FITNESS, descendant("complete")])
+    sizes = dict(zip(rows["family"], rows["family_size"], strict=True))
+    assert sizes == {FIRST: 7, f"{FIRST}, further": 1, REST: 14, f"{REST}, further": 2}
 
 
-@pytest.mark.parametrize(
-    ("primary", "margins", "message"),
-    [
-        ("speed", [], "a measure in --primary and --margin, found 'speed'; there are fitness_max"),
-        (None, ["mean_fitness_max=0"], "a value above 0"),
-        (None, ["mean_fitness_max=nan"], "a value above 0"),
-        (None, ["mean_fitness_max=1", "mean_fitness_max=2"], "once for a measure"),
-        (None, ["speed=1"], "a measure in --primary and --margin"),
-    ],
-)
-def test_a_plan_that_cannot_be_meant(primary: str | None, margins: list[str], message: str) -> None:
+def test_an_endpoint_that_cannot_be_meant() -> None:
     """One message with what was expected and what was found."""
-    with pytest.raises(StudyError, match=message):
-        check_plan(parse_plan(primary, margins), MEASURES)
+    check_primary(None, MEASURES)
+    check_primary("first.complete", MEASURES)
+    with pytest.raises(StudyError, match="a measure in --primary, found 'speed'; there are fit"):
+        check_primary("speed", MEASURES)
 
 
 def _factorial(*cells: tuple[str, str, float], seeds: int = 3) -> Comparison:

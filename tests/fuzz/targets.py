@@ -357,7 +357,7 @@ def run_context() -> Any:
 OVERRIDES: Final = (
     ["gp.population=12", "seed=3"],
     ["-m", "seed=range(3)", "supervisor=baseline,expert"],
-    ["+tags.a=b", "gp.trees.depth=[2,4]", "supervisor=baseline", "supervisor.policy.up=1.3"],
+    ["start=b.bt", "gp.trees.depth=[2,4]", "supervisor=baseline", "supervisor.policy.up=1.3"],
     ["experiment=smoke", "domain=island", "world=dense", "name=a"],
     ["++curriculum.stages.0.world={episode: {length: 10}}"],
 )

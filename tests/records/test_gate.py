@@ -20,13 +20,13 @@ import islandgp
 from islandgp.cli import islandgp as group
 from islandgp.errors import IslandError, UntrustedError
 from islandgp.evaluation.base import Problem
-from islandgp.experiment import recorded_decisions
 from islandgp.gate import CONTROL, cleaned, code_in, must_be_known_code, user_folder
 from islandgp.records.files import dump
 from islandgp.records.folder import RunFolder
 from islandgp.running.app import main
 from islandgp.supervision.llm.message import Reply, Request, Usage
 from islandgp.supervision.llm.transcript import Attempt, Call, Conclusion, Start, Transcript
+from studies.distillation.__main__ import recorded_decisions
 from tests.composed import plain
 from tests.records.configured import naming
 from tests.records.listed import add_to_manifest
@@ -329,10 +329,11 @@ def test_no_command_imports_what_only_a_run_names(name: str, form: str, home: Pa
 
 @pytest.mark.parametrize("part", KEYS)
 def test_decisions_look_at_all_code_that_a_run_names(part: str, home: Path) -> None:
-    """`recorded_decisions` reads the whole configuration, which imports each class and function."""
+    """The study reads the whole configuration, which imports each class and function."""
     changed(home / "runs/s/one/config.yaml", at(KEYS[part], "evil:Domain"))
+    run = home / "runs/s/one"
     with pytest.raises(UntrustedError):
-        next(recorded_decisions(home / "runs/s/one"))
+        next(recorded_decisions(run, RunFolder(run).configuration(), None))
     assert not (home / "it ran").exists()
 
 

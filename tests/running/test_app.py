@@ -15,7 +15,6 @@ import yaml
 from hydra._internal.config_loader_impl import ConfigLoaderImpl
 
 from islandgp.config.compose import run_folder
-from islandgp.errors import ConfigError
 from islandgp.records.files import PAGE, Lines, RunMetadata
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import identity_config
@@ -455,26 +454,3 @@ def test_a_first_file_without_defaults_of_a_domain(cwd: Path) -> None:
     assert main(["--config-dir", "own", "--config-name", "mine", *INSTANT]) == 0
     (leaf_,) = leaf(cwd, "whole")
     assert RunFolder(cwd / "runs/whole" / leaf_).summary()["champion"]
-
-
-def test_a_user_s_tags(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """They are in MLflow, and in no folder's name."""
-    monkeypatch.chdir(home)
-    assert main([*TINY, "progress=off", *fake("Instant"), "+tags.who=a b", "+tags.day=3"]) == 0
-    (run,) = tracked(store(home))
-    assert (run.tags["who"], run.tags["day"]) == ("a b", "3")
-    assert "tags" not in run.name
-
-
-@pytest.mark.parametrize(
-    ("word", "expected"),
-    [
-        ("+tags.seed=1", "tags.seed: expected a name of your own"),
-        ("+tags={mlflow.user: me}", "tags.mlflow.user"),
-        ("tags=5", "tags=5"),
-    ],
-)
-def test_tags_that_cannot_be_are_refused(word: str, expected: str) -> None:
-    """Names that MLflow or a run has already."""
-    with pytest.raises(ConfigError, match=re.escape(expected)):
-        composed(word)
