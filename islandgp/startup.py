@@ -25,7 +25,7 @@ EXIT_LIMIT = 5.0  # s for threads to end after Ctrl-C
 def leave(code: object) -> NoReturn:
     """Ends the process with an exit code, as `sys.exit`.
 
-    Python does not collect garbage any more, which takes a second with MLflow's objects.
+    The last collection of unused objects is left out: it takes a second with those of MLflow.
 
     After Ctrl-C, a thread may wait for a lock that was never released. The process does not wait
     for it longer than EXIT_LIMIT.
