@@ -10,7 +10,7 @@ from benchmarks.figure import Effort, Figure, at_least
 from benchmarks.pinned import SEED, STAGE, example, settings
 from islandgp.bt.core.language import to_text
 from islandgp.config.settings import Settings
-from islandgp.evaluation.base import Cached, Job, Problem
+from islandgp.evaluation.base import Job, Problem
 from islandgp.evaluation.processes import Processes, cores
 from islandgp.evolution.loop import evolve
 from islandgp.running.parts import make_supervisor
@@ -31,8 +31,6 @@ class Evolution(NamedTuple):
     start: float  # s until the workers had started
     evolving: float  # s from the first generation to the last
     evaluating: float  # s of it in which episodes ran
-    simulated: int  # episodes that the cache did not have
-    episodes: int  # asked for
 
 
 def measure(effort: Effort) -> list[Figure]:
@@ -68,7 +66,6 @@ def measure(effort: Effort) -> list[Figure]:
                 at_least(90.0),
             ),
         ]
-    last = evolutions[most][-1]
     serial = median(e.evolving - e.evaluating for e in evolutions[most])
     return [
         *figures,
@@ -79,12 +76,6 @@ def measure(effort: Effort) -> list[Figure]:
             f"start of {most} workers, and {WARM_UP} episodes each",
         ),
         Figure("serial_s", serial, "s", "operators and supervisor, which one core does"),
-        Figure(
-            "cached_share",
-            100 * (1 - last.simulated / last.episodes),
-            "%",
-            "episodes that the cache had already",
-        ),
     ]
 
 
@@ -97,9 +88,8 @@ def _evolve(chosen: Settings, workers: int) -> Evolution:
     processes = Processes(setting, workers)
     try:
         processes.evaluate([Job(tree, STAGE, seed) for seed in range(WARM_UP * workers)])
-        started, simulated = perf_counter(), processes.simulated
-        evaluator = Cached(processes)
-        costs = [s.cost for s in evolve(chosen.plan(domain), SEED, supervisor, evaluator)]
+        started = perf_counter()
+        costs = [s.cost for s in evolve(chosen.plan(domain), SEED, supervisor, processes)]
         ended = perf_counter()
     finally:
         processes.close()
@@ -107,6 +97,4 @@ def _evolve(chosen: Settings, workers: int) -> Evolution:
         start=started - began,
         evolving=ended - started,
         evaluating=sum(cost.evaluation for cost in costs),
-        simulated=processes.simulated - simulated,
-        episodes=sum(cost.episodes for cost in costs),
     )

@@ -109,7 +109,6 @@ def training_measures(classes: Classes) -> tuple[Measure, ...]:
 
 COSTS: Final = {
     "episodes": "Episodes, with those of the supervisor",
-    "cost.simulated": "Episodes simulated, not cached",
     "decisions": "Decisions of the supervisor",
     "injected": "Trees injected",
     "cost.supervision": "Supervision (s)",

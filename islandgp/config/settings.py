@@ -90,16 +90,6 @@ class SearchSettings(ComponentConfig, frozen=True, extra="forbid"):
         )
 
 
-class EvaluatorSettings(ComponentConfig, frozen=True, extra="forbid"):
-    """The group `evaluator`."""
-
-    cache: bool
-
-
-class TrackingSettings(ComponentConfig, frozen=True, extra="forbid"):
-    """The group `tracking`."""
-
-
 class Settings(BaseModel, frozen=True, extra="forbid"):
     """One run."""
 
@@ -127,8 +117,8 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     perturb: Perturbation | None = None  # docs/domains.md
     constraints: dict[str, Bound] = Field(default_factory=dict)  # limits by counter of the domain
     supervisor: SupervisorSettings
-    evaluator: EvaluatorSettings
-    tracking: TrackingSettings
+    evaluator: ComponentConfig
+    tracking: ComponentConfig
 
     @field_validator("constraints", mode="before")
     @classmethod

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from typing import Any, Final, Protocol, Self
@@ -148,11 +148,6 @@ class Evaluator(Protocol):
     model, and `make(settings, problem)`.
     """
 
-    @property
-    def simulated(self) -> int:
-        """Number of episodes simulated so far."""
-        ...
-
     def evaluate(self, jobs: Iterable[Job]) -> list[Outcome]:
         """Runs the episodes of jobs.
 
@@ -255,45 +250,3 @@ def blame(job: Job, fault: str) -> str:
 
 TREE_INTRODUCTION: Final = " The run's records are kept. The tree:\n"
 """Text before the tree in this message."""
-
-
-MAX_CACHED: Final = 2000
-"""Number of outcomes in the cache, enough for a typical run."""
-
-
-class Cached:
-    """An evaluator with a cache of the last outcomes."""
-
-    def __init__(self, inner: Evaluator) -> None:
-        self.inner = inner
-        self.early = getattr(inner, "early", False)
-        self._known: dict[Job, Outcome] = {}
-
-    @property
-    def simulated(self) -> int:
-        """Number of episodes simulated so far, excluding those from the cache."""
-        return self.inner.simulated
-
-    def evaluate(self, jobs: Iterable[Job]) -> list[Outcome]:
-        """See `Evaluator`."""
-        asked: list[Job] = []
-        new: dict[Job, None] = {}
-
-        def unknown() -> Iterator[Job]:
-            for job in jobs:
-                key = Job(job.tree, job.stage, job.seed)  # without the node
-                asked.append(key)
-                if key not in self._known and key not in new:
-                    new[key] = None
-                    yield job
-
-        outcomes = self.inner.evaluate(unknown() if self.early else list(unknown()))
-        self._known.update(zip(new, outcomes, strict=True))
-        outcomes = [self._known[job] for job in asked]
-        for job in list(self._known)[: -max(MAX_CACHED, len(new))]:
-            del self._known[job]
-        return outcomes
-
-    def close(self) -> None:
-        """See `Evaluator`."""
-        self.inner.close()

@@ -130,7 +130,6 @@ class Processes:
         self.problem = problem
         self.workers = workers
         self.episode_timeout = episode_timeout
-        self.simulated = 0
         self._pool: ProcessPoolExecutor | None = None
 
     def evaluate(self, jobs: Iterable[Job]) -> list[Outcome]:
@@ -149,7 +148,6 @@ class Processes:
             for job in taken:
                 if job not in done:
                     done[job] = self._again(job)
-        self.simulated += len(taken)
         return [done[job] for job in taken]
 
     def _again(self, job: Job) -> Outcome:

@@ -112,7 +112,7 @@ class _Loop:
     def step(self, state: RunState) -> Step:
         """Evaluates a generation and prepares the next (lines 4 to 15 of Algorithm 1)."""
         parts, plan, g = self.parts, self.parts.plan, state.generation
-        before, began, waited = parts.evaluator.simulated, perf_counter(), 0.0
+        began, waited = perf_counter(), 0.0
         search_state = SearchState(g, state.memory, state.advice)
         done = evaluate_generation(parts, state, search_state)
         history = (*state.history, done.stats)
@@ -153,7 +153,6 @@ class _Loop:
             supervision=waited,
             operators=perf_counter() - began - done.seconds - waited,
             episodes=done.episodes + outside,
-            simulated=parts.evaluator.simulated - before,
             llm=self.supervisor.spent(),
             outside_training=outside,
             library=library - state.library,

@@ -46,7 +46,7 @@ def single_behaviours(
     behaviours: Sequence[str] | None = None,
     further: Sequence[Node] = (),
     most: float = inf,
-) -> Iterator[tuple[str, Node | None]]:
+) -> Iterator[tuple[str, Node | None, int]]:
     """Searches a compact tree for each behaviour.
 
     Args:
@@ -61,7 +61,8 @@ def single_behaviours(
             an equal part of the rest.
 
     Yields:
-        Each behaviour as soon as its search ends, with the tree; None if no tree shows it.
+        Each behaviour as soon as its search ends, with the tree, or None if no tree shows it, and
+        the episodes so far.
 
     Raises:
         EvaluationError: an episode failed.
@@ -92,7 +93,8 @@ def single_behaviours(
             tried.run([_child(rng, parents, space, mutation) for rng in draws])
         tried.most += PRUNING_SHARE * share
         pruned = [tried.pruned(t, behaviour, space) for t in tried.best(behaviour)[:1]]
-        yield behaviour, next((t for t in pruned if tried.score(t, behaviour)[0] > 0), None)
+        found = next((t for t in pruned if tried.score(t, behaviour)[0] > 0), None)
+        yield behaviour, found, tried.episodes
 
 
 def _child(rng: Rng, parents: Sequence[Node], space: TreeSpace, mutation: MutationSettings) -> Node:
@@ -150,6 +152,11 @@ class _Tried:
             tree = min(successes, key=lambda t: (size(t), to_text(t)))
             minimum = self.score(tree, behaviour)[0]
             smaller = [t for t in _smaller(tree) if within(t, space.limits)]
+
+    @property
+    def episodes(self) -> int:
+        """Episodes so far."""
+        return WORLDS * len(self._outcomes)
 
     def is_spent(self) -> bool:
         """True if no tree can be evaluated, or none was."""

@@ -162,8 +162,7 @@ class Cost:
     evaluation: float  # s
     supervision: float  # s spent waiting for guidance
     operators: float  # s, everything else in the loop
-    episodes: int  # requested
-    simulated: int  # run; the others were in the cache
+    episodes: int
     llm: dict[str, float] = field(default_factory=dict)  # supervision since the start, by name
     outside_training: int = 0
     """Of `episodes`, those of the supervisor, and of the search for its library."""

@@ -105,9 +105,6 @@ def _costs(cost: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
             yield from _nested(cost, "llm").items()
         elif name != "at":
             yield name if name == "episodes" else f"cost.{name}", value
-    if cost:
-        cached = cost["episodes"] - cost.get("outside_training", 0) - cost["simulated"]
-        yield "cost.cache_hits", cached
 
 
 def _edits(

@@ -111,10 +111,11 @@ def _search(
     stages = list(_stages(settings))
     most = most_episodes(settings)
     by_behaviour: dict[str, Node] = {}
+    episodes = before = 0
     _say("searching for a tree of each behaviour, once")
     with closing(make_evaluator()) as evaluator:
         for place, stage in enumerate(stages):
-            missing = [name for name in behaviours if name not in by_behaviour]
+            missing, before = [b for b in behaviours if b not in by_behaviour], episodes
             if not missing:
                 break
             if stage != stages[0]:
@@ -127,15 +128,15 @@ def _search(
                 stage,
                 behaviours=missing,
                 further=tuple(by_behaviour.values()),
-                most=(most - evaluator.simulated) / (len(stages) - place),
+                most=(most - before) / (len(stages) - place),
             )
-            for n, (name, tree) in enumerate(search, 1):
+            for n, (name, tree, spent) in enumerate(search, 1):
+                episodes = before + spent
                 if tree is not None:
                     by_behaviour[name] = tree
                 if settings.progress != "off":
                     outcome = "no tree found" if tree is None else f"a tree of {size(tree)} nodes"
                     _say(f"{name}: {outcome} ({n} of {len(missing)})")
-        episodes = evaluator.simulated
     trees = {name: to_text(by_behaviour[name]) for name in behaviours if name in by_behaviour}
     return KeptLibrary(episodes, trees)
 

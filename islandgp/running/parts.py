@@ -16,7 +16,7 @@ from islandgp.config.reads import keys_read
 from islandgp.config.settings import Settings
 from islandgp.domain import Domain
 from islandgp.errors import ConfigError, TreeError, brief
-from islandgp.evaluation.base import Cached, Evaluator
+from islandgp.evaluation.base import Evaluator
 from islandgp.gp.plan import RUN_READS, Plan, declared, is_read, must_be_declared
 from islandgp.plugin import path_of, plugin_errors
 from islandgp.records.archive_file import best_first
@@ -286,4 +286,4 @@ def make_evaluator(settings: Settings, *, perturbed: bool | None = None) -> Eval
     """Makes the configured evaluator; `perturbed` as in `Settings.problem`."""
     part, problem = settings.evaluator, settings.problem(perturbed=perturbed)
     evaluator: Evaluator = part.factory.make(part.settings(), problem)
-    return Cached(evaluator) if part.cache else evaluator
+    return evaluator

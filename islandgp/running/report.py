@@ -200,7 +200,7 @@ def report(target: RunFolder, costs: Sequence[Mapping[str, Any]]) -> str:
             f"Highest fitness in training: {in_points(s['fittest']['record']['fitness'])} in"
             f" generation {s['fittest']['generation']}",
             first[:1].upper() + first[1:],
-            *_known_episodes(costs),
+            *_library(costs),
             *_supervision(costs[-1]["llm"] if costs else {}, s["answers"]),
             f"Results: {target.path}",
             "",
@@ -238,13 +238,10 @@ def is_mostly_fallback(summary: Mapping[str, Any]) -> bool:
     return bool(summary["mostly_fallback"])
 
 
-def _known_episodes(costs: Sequence[Mapping[str, Any]]) -> Iterator[str]:
-    """Lines on episodes of the search for a library, and on those whose outcomes were known."""
-    if library := sum(cost.get("library", 0) for cost in costs):
-        yield f"Episodes of the search for a library, in place of training: {library:,}"
-    asked_episodes = sum(cost["episodes"] - cost.get("outside_training", 0) for cost in costs)
-    if cached := asked_episodes - sum(cost["simulated"] for cost in costs):
-        yield f"Episodes in training: {asked_episodes:,}, {cached:,} of them from the cache"
+def _library(costs: Sequence[Mapping[str, Any]]) -> Iterator[str]:
+    """A line on the episodes of the search for a library, if there was one."""
+    if episodes := sum(cost.get("library", 0) for cost in costs):
+        yield f"Episodes of the search for a library, in place of training: {episodes:,}"
 
 
 def _supervision(spent: Mapping[str, float], sources: Mapping[str, int]) -> Iterator[str]:

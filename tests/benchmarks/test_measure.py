@@ -19,7 +19,7 @@ FIGURES: Final = {
     " tick_ratio_behaviortreepy walk_us walk_us_py_trees walk_ratio_py_trees"
     " walk_us_behaviortreepy walk_ratio_behaviortreepy",
     "run_s": "run_s_1 run_s_2 run_s_4 speed_up_2 efficiency_2 speed_up_4 efficiency_4"
-    " start_s serial_s cached_share",
+    " start_s serial_s",
     "remote_overhead": "remote_overhead remote_episode_ms local_episode_ms",
     "overhead_share": "overhead_share_off overhead_share_mlflow mlflow_share episodes_s operators_s"
     " supervision_s rest_s run_s_off run_s_mlflow new_store_s command_s_off"

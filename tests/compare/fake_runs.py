@@ -155,9 +155,7 @@ def written(
     everyone = [(i.fitness, -g, i) for g, r in enumerate(records) for i in r.individuals]
     _, g, top = max(everyone, key=lambda each: each[:2])
     best = Champion(-g, champion or top)
-    costs = [Cost(1.0, 0.5, 0.1, n, n) for n in episodes] or [Cost(1.0, 0.5, 0.1, 30, 28)] * len(
-        records
-    )
+    costs = [Cost(1.0, 0.5, 0.1, n) for n in episodes] or [Cost(1.0, 0.5, 0.1, 30)] * len(records)
     folder.mkdir(parents=True)
     (folder / "config.yaml").write_text(json.dumps(configuration))
     _lines(folder / "generations.jsonl", [record_values(r) for r in records])

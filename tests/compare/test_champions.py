@@ -27,8 +27,6 @@ OTHER = "PatrolWaypoint\n"
 class Recorder:
     """An evaluator that gives a world's place as fitness, from 0, and keeps what it was asked."""
 
-    simulated = 0
-
     def __init__(self, setting: Problem) -> None:
         self.setting = setting
         self.jobs: list[Job] = []

@@ -21,7 +21,7 @@ from islandgp.bt.core.node import leaf
 from islandgp.domain import Outcome, Reward, RewardTable
 from islandgp.errors import DomainError, EvaluationError
 from islandgp.evaluation import processes
-from islandgp.evaluation.base import Cached, Evaluator, Job, Problem, simulate
+from islandgp.evaluation.base import Evaluator, Job, Problem, simulate
 from islandgp.evaluation.processes import Processes
 from islandgp.evaluation.serial import Serial
 from islandgp.scoring.curriculum import Curriculum, Stage
@@ -63,7 +63,6 @@ def ray(problem: Problem) -> Ray:
 MAKERS: dict[str, Callable[[], Evaluator]] = {
     "serial": lambda: Serial(SETTING),
     "processes": lambda: Processes(SETTING, 2),
-    "cached processes": lambda: Cached(Processes(SETTING, 2)),
     "ray": lambda: ray(SETTING),
 }
 
@@ -99,13 +98,6 @@ def test_twins_have_one_outcome(evaluator: Evaluator) -> None:
         EXPECTED[5],
         EXPECTED[0],
     ]
-
-
-def test_episodes_are_counted(evaluator: Evaluator) -> None:
-    """`simulated` counts what was asked for, and not what was known already."""
-    before, jobs = evaluator.simulated, [replace(job, seed=job.seed + 3) for job in JOBS]
-    evaluator.evaluate(jobs)
-    assert evaluator.simulated == before + len(jobs)
 
 
 def test_a_job_that_cannot_be_run_is_named(evaluator: Evaluator) -> None:

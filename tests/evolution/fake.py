@@ -37,12 +37,10 @@ class Fake:
     """See `Evaluator`; keeps the jobs that it evaluated, by batch."""
 
     def __init__(self) -> None:
-        self.simulated = 0
         self.batches: list[list[Job]] = []
 
     def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
         """See `Evaluator`."""
-        self.simulated += len(jobs)
         self.batches.append(list(jobs))
         return [outcome_of(job) for job in jobs]
 

@@ -82,11 +82,6 @@ class Store:
     def __init__(self) -> None:
         self.jobs: list[Job] = []
 
-    @property
-    def simulated(self) -> int:
-        """See `Evaluator`."""
-        return len(self.jobs)
-
     def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
         """See `Evaluator`."""
         self.jobs += jobs
@@ -101,7 +96,11 @@ def search(limits: Limits | None = None) -> tuple[dict[str, Node], list[Job]]:
     gp, store = composed().gp, Store()
     space = TreeSpace(gp.trees, STORE, limits or gp.limits)
     results = single_behaviours(CLASSES, space, gp.mutation, store, 3)
-    return {name: tree for name, tree in results if tree is not None}, store.jobs
+    trees = {}
+    for name, tree, episodes in results:
+        assert episodes == len(store.jobs)
+        trees |= {name: tree} if tree is not None else {}
+    return trees, store.jobs
 
 
 @cache
@@ -127,9 +126,9 @@ def test_nodes_keep_the_fewest_children_of_their_kind() -> None:
     """A recovery has two children also in the trees with one branch less."""
     gp, store = composed().gp, Store()
     kinds = gp.trees.model_copy(update={"kinds": {"recovery": 1.0}})
-    by_behaviour = dict(
-        single_behaviours(CLASSES, TreeSpace(kinds, STORE, gp.limits), gp.mutation, store, 3)
-    )
+    space = TreeSpace(kinds, STORE, gp.limits)
+    results = single_behaviours(CLASSES, space, gp.mutation, store, 3)
+    by_behaviour = {name: tree for name, tree, _ in results}
     trees = [parse(job.tree, STORE) for job in store.jobs]
     assert any(node.kind == "recovery" for tree in trees for node in walk(tree))
     assert by_behaviour["picking"] is not None

@@ -60,7 +60,6 @@ class Worlds:
     def __init__(self, points: dict[str, float]) -> None:
         self.worth = points
         self.jobs: list[Job] = []
-        self.simulated = 0
 
     def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
         self.jobs += jobs

@@ -62,17 +62,3 @@ def test_the_report_of_such_a_run_gives_the_reason(tmp_path: Path) -> None:
     assert lines[0].endswith("points (no interval: one world) in 1 unseen world")
     (line,) = (line for line in lines if line.startswith("Against the good tree"))
     assert line.endswith("+0 points (no interval: one world)")
-
-
-def test_the_end_of_a_run_has_its_known_episodes(tmp_path: Path) -> None:
-    """Episodes of the training that were not simulated again; no line where there are none."""
-    folder = _validated_once(tmp_path / "run", tmp_path)
-    assert "from the cache" not in report(folder, list(folder.costs()))
-    costs = [
-        {**cost, "episodes": 30, "simulated": 28, "outside_training": 0, "library": 0}
-        for cost in folder.costs()
-    ]
-    n = len(costs)
-    assert f"Episodes in training: {30 * n}, {2 * n} of them from the cache" in report(
-        folder, costs
-    )

@@ -186,8 +186,6 @@ def test_a_search_remembers_means() -> None:
 class Worlds:
     """An evaluator in which the tree `fit` earns most, and picks too much up."""
 
-    simulated = 0
-
     def evaluate(self, jobs: Sequence[Job]) -> list[Outcome]:
         """See `Evaluator`."""
         fit, safe = outcome(100.0, pickups=8.0), outcome(50.0)

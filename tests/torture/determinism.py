@@ -53,12 +53,6 @@ def worker_counts(lab: Lab) -> None:
     assert len(digests) == 1
 
 
-def cache(lab: Lab) -> None:
-    """With and without the memory for episodes that were seen."""
-    digests = {digest_of(lab, *ISLAND, f"evaluator.cache={on}") for on in ("true", "false")}
-    assert len(digests) == 1
-
-
 def hash_seeds(lab: Lab) -> None:
     """PYTHONHASHSEED 0, 1, 12345 and none."""
     seeds = ("0", "1", "12345", "random")
@@ -189,7 +183,6 @@ def installed(lab: Lab) -> None:
 
 MATRIX: Final[dict[str, tuple[Callable[[Lab], None], str]]] = {
     "workers": (worker_counts, "in the run's process, 1, 2 and 4 workers"),
-    "cache": (cache, "with the memory for episodes and without"),
     "PYTHONHASHSEED": (hash_seeds, "0, 1, 12345, random"),
     "resumption": (resumed, "straight, and stopped four times"),
     "launcher": (launchers, "alone, in a sweep, in processes, submitit"),

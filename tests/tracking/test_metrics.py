@@ -13,7 +13,6 @@ COST = {
     "supervision": 0.25,
     "operators": 0.125,
     "episodes": 8,
-    "simulated": 6,
     "at": 1_700_000_000_000,
 }
 
@@ -47,7 +46,6 @@ def test_metrics_are_the_records_numbers() -> None:
     assert values["size_of_best"] == best.nodes
     assert values["cost/evaluation"] == 1.5
     assert values["episodes"] == 8
-    assert values["cost/cache_hits"] == 2
 
 
 def test_costs_of_a_supervisor_have_a_section() -> None:

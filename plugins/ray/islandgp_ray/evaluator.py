@@ -60,7 +60,6 @@ class Ray:
         """Connects to the cluster, or starts one. Raises EvaluationError if there is none."""
         ray: Any = import_module("ray")  # slow, and no validation of a configuration needs it
 
-        self.simulated = 0
         self._ray, self._settings = ray, settings
         self._ours = not ray.is_initialized()  # False inside a job of Ray
         if self._ours:
@@ -75,7 +74,6 @@ class Ray:
     def evaluate(self, jobs: Iterable[Job]) -> list[Outcome]:
         """See `Evaluator`."""
         jobs = list(jobs)
-        self.simulated += len(jobs)
         self._must_be_there()  # without the head, Ray ends this process after a minute
         workers = self._ray.cluster_resources().get("CPU", 1) / self._settings.cpus
         n = max(1, int(len(jobs) / (SHARES * max(1, workers))))
