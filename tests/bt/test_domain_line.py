@@ -69,10 +69,10 @@ def test_another_domain_is_reported_before_its_names() -> None:
 @pytest.mark.parametrize(
     ("text", "column", "message"),
     [
-        ("domain", 7, "the name of a domain"),
-        ("domain 3 PatrolWaypoint", 8, "the name of a domain"),
-        ("domain { PatrolWaypoint }", 8, "the name of a domain"),
-        ("domain island", 14, "there is no tree after the definitions"),
+        ("domain", 7, "a name"),
+        ("domain 3 PatrolWaypoint", 8, "a name"),
+        ("domain { PatrolWaypoint }", 8, "a name"),
+        ("domain island", 14, "too early"),
         ("PatrolWaypoint domain island", 16, "unexpected 'domain'"),
         ("domian island PatrolWaypoint", 1, "'domian'"),
     ],

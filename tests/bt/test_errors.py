@@ -15,8 +15,8 @@ P = "PatrolWaypoint"
 # text, line, column, words that the message has
 WRONG = [
     # the form
-    ("", 1, 1, ["the text is empty", "an action, or a node"]),
-    ("# nothing\n", 1, 1, ["the text has comments only"]),
+    ("", 1, 1, ["the text is empty", "a node or an action"]),
+    ("# nothing\n", 1, 1, ["the text is empty"]),
     ("selector {", 1, 11, ["too early", "a node or an action"]),
     ("selector {\n  PatrolWaypoint\n\n", 2, 17, ["too early", "}"]),
     ("selector { PatrolWaypoint # }\n", 1, 26, ["too early"]),
@@ -28,7 +28,7 @@ WRONG = [
         "inverter { PatrolWaypoint PatrolWaypoint }",
         1,
         27,
-        ["no more children", "Expected }"],
+        ["no more children", "Expected ( | }"],
     ),
     ("selector [ PatrolWaypoint ]", 1, 10, ["unexpected '['", "Did you mean {?"]),
     ("selector ( PatrolWaypoint )", 1, 10, ["'('", "Expected {"]),
@@ -65,9 +65,14 @@ WRONG = [
     ("when { PatrolWaypoint }", 1, 6, ["a key", "batteryLevel"]),
     ("when batteryLevel = 5 { PatrolWaypoint }", 1, 19, ["'='", "Did you mean ==?"]),
     ("when batteryLevel =< 5 { PatrolWaypoint }", 1, 19, ["'='", "<="]),
-    ("when batteryLevel < { PatrolWaypoint }", 1, 21, ["Expected a number"]),
-    ("when batteryLevel < nan { PatrolWaypoint }", 1, 21, ["Expected a number"]),
-    ("when batteryLevel < 25% { PatrolWaypoint }", 1, 23, ["character '%'"]),
+    ("when batteryLevel < { PatrolWaypoint }", 1, 21, ["a number"]),
+    ("when batteryLevel < nan { PatrolWaypoint }", 1, 21, ["a number"]),
+    (
+        "when batteryLevel < 25% { PatrolWaypoint }",
+        1,
+        23,
+        ["a number without a unit"],
+    ),
     ("when batteryLevel < 1e5 { PatrolWaypoint }", 1, 21, ["'1e5'", "plain number"]),
     ("when batteryLevel < 5. { PatrolWaypoint }", 1, 21, ["'5.'", "plain number"]),
     ("when batteryLevel < 0x1F { PatrolWaypoint }", 1, 21, ["'0x1F'", "plain number"]),
@@ -75,12 +80,12 @@ WRONG = [
     ("when lap < 5 abort sel { PatrolWaypoint }", 1, 20, ["'sel'", "Did you mean self?"]),
     ("when lap < 5 abort { PatrolWaypoint }", 1, 20, ["both", "lower", "none", "self"]),
     ("when lap < 5 abrt self { PatrolWaypoint }", 1, 14, ["Did you mean abort?"]),
-    ("constant a = 3", 1, 15, ["there is no tree after the definitions"]),
-    ("domain island", 1, 14, ["there is no tree after the definitions"]),
+    ("constant a = 3", 1, 15, ["too early", "a node or an action"]),
+    ("domain island", 1, 14, ["too early", "a node or an action"]),
     # children
-    ("selector { }", 1, 12, ["this selector needs more children"]),
-    ("inverter { }", 1, 12, ["this inverter needs more children"]),
-    (f"recovery 2 {{ {P} }}", 1, 29, ["this recovery needs more children"]),
+    ("selector { }", 1, 12, ["unexpected '}'"]),
+    ("inverter { }", 1, 12, ["unexpected '}'"]),
+    (f"recovery 2 {{ {P} }}", 1, 29, ["unexpected '}'"]),
     # flags
     (
         f"when foundGarbage == isHumanoidWantToClear {{ {P} }}",
@@ -90,7 +95,7 @@ WRONG = [
     ),
     (f"when foundGarbage > 0 {{ {P} }}", 1, 6, ["is a flag and does not fit"]),
     # repeaters
-    ("repeater { PatrolWaypoint }", 1, 10, ["Expected a number"]),
+    ("repeater { PatrolWaypoint }", 1, 10, ["a number"]),
     ("repeater 0 { PatrolWaypoint }", 1, 10, ["'0' as its count", "1 to 1,000,000"]),
     ("repeater 1000001 { PatrolWaypoint }", 1, 10, ["-1000000 to 1000000"]),
     ("repeater 2.5 { PatrolWaypoint }", 1, 10, ["whole number"]),
@@ -100,8 +105,8 @@ WRONG = [
     ("use PatrolWaypoint", 1, 5, ["unknown subtree", "PatrolWaypoint, without use"]),
     (f"subtree charge = {P}\nuse chrge", 2, 5, ["above: charge", "Did you mean charge?"]),
     (f"subtree charge = {P}\nselector {{ charge }}", 2, 12, ["Did you mean use charge?"]),
-    ("subtree a = use a use a", 1, 17, ["'a' uses itself"]),
-    (f"subtree a = use b\nsubtree b = {P}\nuse a", 1, 17, ["'b' is defined further down"]),
+    ("subtree a = use a use a", 1, 17, ["unknown subtree 'a'", "defined above: none so far"]),
+    (f"subtree a = use b\nsubtree b = {P}\nuse a", 1, 17, ["unknown subtree 'b'", "defined above"]),
     (f"subtree a = {P}\nsubtree a = {P}\nuse a", 2, 9, ["defined twice"]),
     (
         "subtree a = inverter { PatrolPoint } PatrolWaypoint",
@@ -109,10 +114,10 @@ WRONG = [
         24,
         ["Did you mean PatrolWaypoint?"],
     ),
-    (f"subtree a {P} use a", 1, 11, ["= ("]),
-    (f"subtree 1 = {P} use a", 1, 9, ["'1'", "the name of a subtree"]),
-    (f"subtree a = {P}", 1, 27, ["there is no tree after the definitions"]),
-    ("use", 1, 4, ["too early", "the name of a subtree"]),
+    (f"subtree a {P} use a", 1, 11, ["= | ("]),
+    (f"subtree 1 = {P} use a", 1, 9, ["'1'", "a name"]),
+    (f"subtree a = {P}", 1, 27, ["too early", "a node or an action"]),
+    ("use", 1, 4, ["too early", "a name"]),
 ]
 
 
@@ -138,7 +143,7 @@ def test_whole_message() -> None:
         "trees/mine.bt:2:8: unknown blackboard key 'batery'\n"
         "      when batery < 25 { PatrolWaypoint }\n"
         "           ^\n"
-        "Expected a key: batteryLevel, robotCurrentExtraCapacity, lap, foundGarbage,"
+        "Expected a blackboard key: batteryLevel, robotCurrentExtraCapacity, lap, foundGarbage,"
         " isHumanoidWantToClear.\n"
         "Did you mean batteryLevel?"
     )

@@ -95,7 +95,7 @@ WRONG = {
     'include "/etc/hostname" A': ("1:9", "is not another file in the folder"),
     'include "" A': ("1:9", "is not another file in the folder"),
     'include "C:\\\\x.bt" A': ("1:9", "is not another file in the folder"),
-    "include lib A": ("1:9", 'Expected a file such as "lib.bt"'),
+    "include lib A": ("1:9", "Expected a text in quotes"),
     'include "a.bt" A': ("b.bt:1:9", "'a.bt' is not another file"),
     'include "bad.bt" A': ("bad.bt:2:1", "unexpected"),
     'include "bytes.bt" A': ("1:9", "not UTF-8 text"),
@@ -114,7 +114,7 @@ WRONG = {
         "can't have '1.5' as its count (parameter x of s)",
     ),
     "subtree s(x) = when lap < x { SekCharger } use s(1)": ("1:31", "Did you mean SeekCharger?"),
-    "subtree s(x) = sequence { use s(x) } use s(1)": ("1:31", "uses itself"),
+    "subtree s(x) = sequence { use s(x) } use s(1)": ("1:31", "unknown subtree 's'"),
     "subtree s() = SeekCharger use s": ("1:11", "Expected a name"),
 }
 

@@ -92,7 +92,7 @@ def test_values_without_quotes() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("sequence { timeout }", "a number, or the name of a constant"),
+        ("sequence { timeout }", "a name | a number"),
         ("selector ( Go )", "unexpected '('"),
         ("selector { none self }", "unknown action 'none'"),
         ("when selector { Go }", "unknown blackboard key 'selector'"),

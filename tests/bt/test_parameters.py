@@ -88,7 +88,7 @@ def test_constants_and_parameters_are_values() -> None:
         ("MoveTo(tries: 1.5)", "a whole number from 1 to 5"),
         ("MoveTo(tries: 1, tries: 2)", "each argument once"),
         ("MoveTo(loud: maybe)", "no | yes"),
-        ("Stop(speed: 1)", "takes no arguments"),
+        ("Stop(speed: 1)", "unknown argument 'speed' of Stop"),
         ("MoveTo(goal dock)", "Expected :"),
         ("sequence { MoveTo(goal: door) Fly }", "unknown action 'Fly'"),
     ],

@@ -149,7 +149,7 @@ def test_a_tree_of_one_domain_is_not_one_of_another() -> None:
     assert parse(text, MAZE) == Node(
         "when", (Condition("wall", "is", 0.0), "both"), (leaf("Step"),)
     )
-    with pytest.raises(UnknownNameError, match="a key: batteryLevel"):
+    with pytest.raises(UnknownNameError, match="a blackboard key: batteryLevel"):
         parse(text, VOCABULARY)
     with pytest.raises(UnknownNameError, match=r"action \(Step, Turn\)"):
         parse("when wall { PatrolWaypoint }", MAZE)

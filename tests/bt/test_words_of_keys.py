@@ -59,7 +59,7 @@ def read(text: str) -> Node:
     [
         ("mode == dockin", 14, "'dockin' does not fit mode"),
         ("mode == dockin", 14, "Did you mean docking?"),
-        ("mode == 1", 14, "idle | docking | driving, or another key: before"),
+        ("mode == 1", 14, "idle | docking | driving | before"),
         ("mode < docking", 6, "docking, driving and does not fit here"),
         ("mode", 6, "`when mode == idle`"),
         ("gear == fast", 14, "Expected slow."),
@@ -70,7 +70,7 @@ def read(text: str) -> Node:
         ("charge < charge", 15, "'charge' does not fit charge"),
         ("charge < reserv", 15, "Did you mean reserve?"),
         ("charge < docking", 15, "'docking' does not fit charge"),
-        ("mode == größe", 16, "Expected letters a to z, digits, _"),
+        ("mode == größe", 16, "U+00F6"),
         ("mode == both", 14, "'both' does not fit mode"),
     ],
 )

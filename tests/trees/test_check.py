@@ -39,16 +39,15 @@ def test_all_errors_of_a_file() -> None:
 
 
 @pytest.mark.parametrize(
-    ("text", "brace"),
+    ("text", "line"),
     [
-        ("selector {\n  sequence {\n    SeekCharger\n  PatrolWaypoint\n}\n", "sequence in line 2"),
-        ("selector {\n  sequence {\n    SeekCharger\n  }\n", "selector in line 1"),
-        ("selector { sequence { SeekCharger", "sequence in line 1"),
+        ("selector {\n  sequence {\n    SeekCharger\n  }\n", 1),
+        ("selector {\n  sequence {\n    SeekCharger\n", 2),
     ],
 )
-def test_unclosed_brace(text: str, brace: str) -> None:
-    """The indentation of the lines locates the brace that is not closed."""
-    with pytest.raises(TreeError, match=f"the brace of the {brace} is not closed"):
+def test_unclosed_brace(text: str, line: int) -> None:
+    """The innermost brace that is not closed is named by its line."""
+    with pytest.raises(TreeError, match=f"the brace in line {line} is not closed"):
         parse(text, VOCABULARY)
 
 

@@ -9,10 +9,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from islandgp.bt.core.format import format_text
-from islandgp.bt.core.language import parse, parse_placed, to_text
+from islandgp.bt.core.language import parse, parse_placed, parser_of, to_text
 from islandgp.bt.core.node import Node, walk
 from islandgp.bt.core.parameters import text as text_argument
-from islandgp.bt.core.syntax_errors import words
 from islandgp.bt.core.vocabulary import Action, Vocabulary
 from tests.composed import composed
 from tests.profiles import cases, examples
@@ -31,7 +30,9 @@ def files(draw: st.DrawFn) -> str:
     text = to_text(draw(nodes(max_leaves=6)))
     if draw(st.booleans()):
         text = f"subtree part = {to_text(draw(nodes(max_leaves=4)))} selector {{ {text} use part }}"
-    tokens = [str(token) for token in words(text)]
+    tokens = [
+        str(token) for token in parser_of().parse_interactive(text, start="library").iter_parse()
+    ]
     first = draw(st.sampled_from(["", "\n", "# head\n", "\n\n# head\n\n"]))
     return first + "".join(token + draw(GAPS) for token in tokens)
 

@@ -206,7 +206,7 @@ REFUSED = {
     "<WhileDoElse><Free/></WhileDoElse>": "two or three children",
     '<Switch2 variable="{mode}" case_1="1"><Go/><Stay/></Switch2>': "does not fit mode",
     '<Go _skipIf="low"/>': "'_skipIf' is imported only in a Sequence or a Fallback",
-    '<Go _onSuccess="x := 1"/>': "'x' is no key that trees write",
+    '<Go _onSuccess="x := 1"/>': "unknown key with an `initial` value 'x'",
     '<RecoveryNode number_of_retries="2"><Go/></RecoveryNode>': "two children in <RecoveryNode>",
     '<RateController hz="0"><Go/></RateController>': "expected hz from",
     "<NonblockingSequence><Go/></NonblockingSequence>": "no node 'NonblockingSequence'",

@@ -30,9 +30,9 @@ WRONG: dict[str, tuple[bytes, str]] = {
     "empty": (b"", "the text is empty"),
     "ten megabytes": (b"# c\n" * 2_500_000, "the text has 10000000 characters"),
     "deep": (b"inverter { " * 5000 + b"SeekCharger" + b" }" * 5000, "too deep"),
-    "NUL": (b"selector { \0 }", "unexpected character '\\x00'"),
+    "NUL": (b"selector { \0 }", "unexpected '\\x00'"),
     "infinite": (b"when batteryLevel < 1e400 { SeekCharger }", "not a plain number"),
-    "Unicode name": ("Patrouill\u00e9".encode(), "unexpected character '\u00e9'"),
+    "Unicode name": ("Patrouill\u00e9".encode(), "unexpected '\u00e9'"),
 }
 PLAIN = {
     "BOM": b"\xef\xbb\xbf" + OK.encode(),

@@ -100,7 +100,7 @@ def test_ticks(cpp: BehaviorTreeCpp, body: str) -> None:
 
 def test_a_script_after_a_node_is_no_decoration() -> None:
     """An attribute that writes to the blackboard is not ignored."""
-    with pytest.raises(TreeError, match="'n' is no key that trees write"):
+    with pytest.raises(TreeError, match="unknown key with an `initial` value 'n'"):
         read(f'<{A} _onSuccess="n := 1"/>')
     with pytest.raises(TreeError, match="no equivalent of '_onHalted'"):
         read(f'<{A} _onHalted="n := 1"/>')

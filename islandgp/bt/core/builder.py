@@ -12,7 +12,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from textwrap import shorten
 from typing import Any, Final
 
 from islandgp.bt.core.includes import ParsedFile
@@ -30,9 +29,10 @@ from islandgp.bt.core.node import (
 )
 from islandgp.bt.core.node_builder import NODE, NodeBuilder, Token, Tree
 from islandgp.bt.core.printer import head, number_text, use_text
-from islandgp.bt.core.source import Source, Word, closest, shown
+from islandgp.bt.core.source import Source, Word, shown
+from islandgp.bt.core.unknown import listing, unknown
 from islandgp.bt.core.vocabulary import Vocabulary
-from islandgp.errors import LimitError, TreeError, UnknownNameError
+from islandgp.errors import LimitError, TreeError
 
 MAX_LEVELS: Final = 100  # of a tree, a `use` counted expanded
 MAX_NODES: Final = 10_000  # of a tree, a `use` counted expanded
@@ -84,8 +84,6 @@ class Builder(NodeBuilder):
         self.bodies: list[Node] = []  # of the last file's subtrees
         self._errors, self._marks, self.written = errors, marks, written
         self._comments: dict[tuple[str, int], Comments] = {}  # by the name and place in a text
-        self._later: set[str] = set()  # subtrees that are not yet defined
-        self._name = ""  # of the subtree that is being defined
         self.nodes = self.levels = 0  # of the tree that is being built, so far
         self._steps = self._open = 0
 
@@ -100,7 +98,6 @@ class Builder(NodeBuilder):
 
                 found = comments_in(part.source.text, part.tree, blank_lines=self.written)
                 self._comments |= {(part.source.name, at): each for at, each in found.items()}
-            self._later = {str(each.children[0]) for each in trees if each.data == "subtree"}
             for tree in trees:
                 if tree.data in ("constant", "subtree"):
                     self._define(str(tree.data), *tree.children)
@@ -139,7 +136,6 @@ class Builder(NodeBuilder):
                     "a new name",
                 )
         self.values = {str(token): Word(token, self.source, open=True) for token in tokens}
-        self._name = str(name)
         node = self._whole(body)
         unused = [token for token in tokens if ("parameter", str(token)) not in self.used]
         self.definitions += [("parameter", token) for token in unused]
@@ -150,8 +146,7 @@ class Builder(NodeBuilder):
         if defaults:
             self.inside(body, self.source, {**values, **defaults}, 1, name)  # raises their errors
         self.subtrees[str(name)] = template
-        self.values, self._name = {}, ""
-        self._later.discard(str(name))
+        self.values = {}
 
     def _whole(self, tree: Tree) -> Node:
         self.nodes = self.levels = 0
@@ -208,7 +203,11 @@ class Builder(NodeBuilder):
     def _use(self, tree: Tree, level: int) -> Node:
         name, *given = tree.children
         if name not in self.subtrees:
-            raise self._unknown_subtree(name)
+            actions = self.vocabulary.actions if self.vocabulary else ()
+            guess = f"{name}, without use" if name in (*self.values, *actions) else ""
+            expected = f"a subtree that is defined above: {listing(self.subtrees)}"
+            word = Word(name, self.source)
+            raise unknown(word, "subtree", self.subtrees, expected=expected, guess=guess)
         self.used.add(("subtree", str(name)))
         template: Template = self.subtrees[name]
         parameters, arguments = template.parameters, given[0].children if given else []
@@ -294,19 +293,6 @@ class Builder(NodeBuilder):
     def _too_large(self, token: Token, message: str) -> TreeError:
         expected = f"at most {MAX_LEVELS} levels and {MAX_NODES} nodes, each use expanded"
         return self.source.error(token, message, expected, kind=LimitError)
-
-    def _unknown_subtree(self, name: Token) -> TreeError:
-        message = f"unknown subtree {shown(name)}"
-        if name == self._name:
-            message = f"subtree {shown(name)} uses itself"
-        elif name in self._later:
-            message = f"subtree {shown(name)} is defined further down"
-        actions = self.vocabulary.actions if self.vocabulary else {}
-        listing = shorten(", ".join(self.subtrees), 200, placeholder=" ...")
-        expected = f"a subtree that is defined above: {listing or 'none so far'}"
-        is_node = name in self.values or name in actions
-        guess = f"{name}, without use" if is_node else closest(name, self.subtrees)
-        return self.source.error(name, message, expected, guess=guess, kind=UnknownNameError)
 
     def comments_at(self, tree: Tree | None) -> Comments:
         """The comments of a node or a statement; None: those at the end of the text."""

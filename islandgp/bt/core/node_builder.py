@@ -6,7 +6,6 @@ import re
 from collections.abc import Mapping, Sequence
 from typing import Any, Final, TypeAlias
 
-from islandgp.bt.core import unknown
 from islandgp.bt.core.arithmetic import (
     Formula,
     Named,
@@ -24,8 +23,9 @@ from islandgp.bt.core.node import ActionArgs, Node, Value
 from islandgp.bt.core.parameters import NO_YES, fits, referenced, value_range
 from islandgp.bt.core.printer import Quoted, number_text
 from islandgp.bt.core.source import Source, Word, closest, first_word, shown
+from islandgp.bt.core.unknown import listing, unknown, unknown_node
 from islandgp.bt.core.vocabulary import Key, Vocabulary
-from islandgp.errors import LimitError
+from islandgp.errors import LimitError, TreeError
 
 MAX_NUMBER: Final = 1_000_000  # largest magnitude of a threshold
 MAX_TERMS: Final = 16  # most comparisons and flags of a condition
@@ -92,7 +92,7 @@ class NodeBuilder:
         word = self.word(token, NUMBER)
         if word.type == "NAME" and not word.open:
             if word.text not in self.constants:
-                raise unknown.unknown_constant(word, self.constants)
+                raise self._unknown_number(word)
             self.used.add(("constant", word.text))
             word = self.constants[word.text]
         value = 1.0 if word.open else _plain_number(word)
@@ -173,8 +173,20 @@ class NodeBuilder:
         is_alike = other and key and other.kind == key.kind and word.text != name.text
         is_alike = is_alike and word.type == "NAME"
         if key is not None and not is_alike:
-            raise unknown.wrong_operand(name.text, word, self._keys, self.constants)
+            raise self._wrong_operand(name.text, key, word)
         return 0.0, word.text
+
+    def _wrong_operand(self, name: str, key: Key, word: Word) -> TreeError:
+        """The error for what a key of this name cannot be compared with, or set to."""
+        others = [n for n, each in self._keys.items() if each.kind == key.kind and n != name]
+        known = [*(key.choices or ("a number", *self.constants)), *others]
+        message = f"{shown(word.token)} does not fit {name}, which is {key.kind}"
+        return word.error(message, " | ".join(known), guess=closest(word.text, known))
+
+    def _unknown_number(self, word: Word, keys: Sequence[str] = ()) -> TreeError:
+        """The error for a name that is no number, where one or a key is expected."""
+        names = [*word.values, *self.constants, *keys]
+        return unknown(word, "constant", names, expected=f"a number, or one of {listing(names)}")
 
     def _term(self, tree: Any, level: int) -> Term:
         """A part of a sum. Raises TreeError, also for too many parts."""
@@ -219,7 +231,7 @@ class NodeBuilder:
             return None
         key = self._keys.get(name.text)
         if key is None:
-            raise unknown.unknown_key(name, self.vocabulary, self.values)
+            raise unknown(name, "blackboard key", [*self._keys, *self.values])
         if operator not in (key.operators or ("",)):
             operators = f", with one of {' '.join(key.operators)}" * bool(key.operators)
             expected = f"`when {key.example(name.text)}`{operators}"
@@ -233,11 +245,11 @@ class NodeBuilder:
         if self.vocabulary is not None and not name.open:
             key = self._keys.get(name.text)
             if key is None or not key.writable:
-                raise unknown.unwritable(name, self._keys)
+                known = [each for each, other in self._keys.items() if other.writable]
+                raise unknown(name, "key with an `initial` value", known)
         if hasattr(right, "children"):
             if key is not None and key.choices:
-                word = Word(right, self.source)
-                raise unknown.wrong_operand(name.text, word, self._keys, self.constants)
+                raise self._wrong_operand(name.text, key, Word(right, self.source))
             self._operands = 0
             assigned = comparison(name.text, "=", self._term(right, 1))
         elif key is None and right in NO_YES:
@@ -283,7 +295,7 @@ class NodeBuilder:
     def leaf(self, name: Word, pairs: Sequence[tuple[Token, Token]]) -> Node:
         """A leaf from its name, and the names and values of its arguments. Raises TreeError."""
         if self.vocabulary is not None and name.text not in self.vocabulary.actions:
-            raise unknown.unknown_node(name, self.subtrees, self.vocabulary, self.values)
+            raise unknown_node(name, self.subtrees, self.vocabulary, self.values)
         values: dict[str, Value] = {}
         for key, value in pairs:
             if key in values:
@@ -306,7 +318,10 @@ class NodeBuilder:
             return Quoted(word.text) if quoted else word.text
         parameters = self.vocabulary.actions[action].arguments
         if key not in parameters:
-            raise unknown.unknown_argument(Word(key, self.source), action, parameters)
+            ranges = "; ".join(f"{name}: {value_range(each)}" for name, each in parameters.items())
+            expected = ranges or f"`{action}` alone"
+            word = Word(key, self.source)
+            raise unknown(word, "argument", parameters, of=action, expected=expected)
         parameter = parameters[key]
         if word.open:
             return parameter.default
@@ -333,7 +348,7 @@ class NodeBuilder:
         numbers = {n: k for n, k in self._keys.items() if not k.choices}
         keys = [n for n, k in numbers.items() if k.whole or sort is Sort.SECONDS]
         if self.vocabulary is not None and word.text not in keys:
-            raise unknown.unknown_constant(word, self.constants, keys)
+            raise self._unknown_number(word, keys)
         return word.text
 
     def _argument(self, kind: str, argument: Argument, part: Any) -> ConditionExpr | float | str:

@@ -15,7 +15,7 @@ from zipfile import ZipFile
 
 import pytest
 
-from islandgp.bt.core.syntax_errors import words
+from islandgp.bt.core.language import parser_of
 from islandgp.resources import resource
 from tests.running.commands import ROOT
 
@@ -60,7 +60,9 @@ def test_highlighting(file: Path) -> None:
     text = file.read_text(encoding="utf-8")
     pairs = [pair for line in text.splitlines() for pair in scopes(line, rules)]
     coloured = {word for word, _ in pairs}
-    assert {str(word) for word in words(text)} - {"{", "}"} <= coloured
+    assert {
+        str(word) for word in parser_of().parse_interactive(text, start="library").iter_parse()
+    } - {"{", "}"} <= coloured
 
 
 def test_highlighting_of_arguments() -> None:
