@@ -14,6 +14,7 @@ from functools import partial
 from inspect import iscoroutine, isgenerator, isgeneratorfunction
 from math import isfinite
 from numbers import Real
+from types import SimpleNamespace
 from typing import Any, Final, TypeAlias
 
 from islandgp.bt.core.node import RUNNING, SUCCESS, ActionArgs
@@ -21,6 +22,7 @@ from islandgp.bt.core.parameters import bound, referenced
 from islandgp.bt.core.vocabulary import Key, Vocabulary
 from islandgp.errors import DomainError
 from islandgp.plugin import defined_in, short_repr
+from islandgp.time_limit import Overdue
 
 Leaf: TypeAlias = Callable[..., int] | Callable[..., Generator[None, None, bool]]
 
@@ -42,6 +44,7 @@ class LeafRunner:
         vocabulary: Vocabulary,
         board: MutableSequence[float],
         places: Mapping[str, int],
+        log: Any = None,
     ) -> None:
         """Binds the arguments.
 
@@ -51,7 +54,9 @@ class LeafRunner:
             vocabulary: declares its arguments and the keys that it sets.
             board: a value per key; keys that the leaf returns are written to it.
             places: the index of each key on the board.
+            log: its attribute `action` is the name of the action while its code runs, else "".
         """
+        self._log = SimpleNamespace() if log is None else log
         self.running = False  # also while its function is called and after it raised
         self._name, self._leaf, self._vocabulary = args.name, leaf, vocabulary
         self._board, self._places = board, places
@@ -75,7 +80,13 @@ class LeafRunner:
             DomainError: the result is no status, or has a key that the action cannot set.
         """
         self.running = True
-        result = self._next(fresh) if self._generates else self._call()
+        self._log.action = self._name
+        try:
+            result = self._next(fresh) if self._generates else self._call()
+        except Overdue as late:
+            late.action = late.action or self._name
+            raise
+        self._log.action = ""
         if result is True:  # fast path
             self.running = False
             return SUCCESS
@@ -91,11 +102,13 @@ class LeafRunner:
         if not self.running:
             return
         self.running = False
+        self._log.action = self._name
         generator, self._generator = self._generator, None
         if generator is not None:
             generator.close()
         if callable(stop := getattr(self._leaf, "stop", None)):
             stop()
+        self._log.action = ""
 
     def _next(self, fresh: bool) -> Any:
         """Advance to the next `yield`; return RUNNING, or the generator's result at its end."""

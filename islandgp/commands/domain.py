@@ -45,8 +45,8 @@ def domain_command(
 
     With --check: test the domain's contract by running trees. The trees are the .bt files of the
     library and next to the domain's module that name it, the given FILES, each action, random
-    trees and growing sequences of actions. Events, actions and keys that no tree reaches are
-    listed. Exit code 1 if the domain breaks its contract.
+    trees, and one that tries the actions in random order. Events, actions and keys that no tree
+    reaches are listed. Exit code 1 if the domain breaks its contract.
     """
     name, files = _parted(arguments)
     if sum((check, as_json, as_yaml)) > 1 or ((files or strict) and not check):

@@ -6,31 +6,12 @@ from collections.abc import Iterable, Mapping
 from difflib import get_close_matches
 from inspect import isgenerator
 from math import inf
-from typing import Any, Final, NamedTuple
+from typing import Any
 
 from islandgp.bt.core.vocabulary import Key
 from islandgp.errors import DomainError
 from islandgp.leaves import is_flag, is_number
 from islandgp.plugin import defined_in, short_repr
-
-
-class ValueRange(NamedTuple):
-    """The values that a key or a counter can have."""
-
-    low: float
-    high: float
-    text: str  # for messages
-
-    @classmethod
-    def of(cls, key: Key) -> ValueRange:
-        """The values of a key."""
-        high = 1 if key.flag else inf if key.most is None else key.most
-        most = "" if key.most is None else f" and at most {key.most:g}"
-        text = "True or False" if key.flag else f"a number of at least {key.low:g}{most}"
-        return cls(key.low, high, key.kind if key.words else text)
-
-
-ANY_NUMBER: Final = ValueRange(-inf, inf, "a finite number")
 
 
 def fault_of(source: object, expected: str, found: str, remedy: str = "") -> DomainError:
@@ -46,14 +27,14 @@ def near_hint(name: object, names: Iterable[str]) -> str:
 
 
 def must_be_numbers(
-    values: Any, kind: str, declared: Mapping[str, ValueRange], needed: Iterable[str], source: Any
+    values: Any, kind: str, declared: Mapping[str, Key | None], needed: Iterable[str], source: Any
 ) -> None:
     """Checks the values returned by a user's function.
 
     Args:
         values: as returned.
         kind: "key" or "counter".
-        declared: the possible values by name.
+        declared: the key of each name; None: any number fits.
         needed: names that must have a value.
         source: the function, whose place in the source is named in the message.
 
@@ -71,10 +52,18 @@ def must_be_numbers(
             raise fault_of(source, f"values of declared {kind}s {where}", found, remedy)
         if name not in values:
             raise fault_of(source, f"a value of the {kind} {name} {where}", "none")
-        low, high, text = declared[name]
-        if not (is_flag(values[name]) or (is_number(values[name]) and low <= values[name] <= high)):
-            found = short_repr(values[name])
-            raise fault_of(source, f"{text} as the value of the {kind} {name} {where}", found)
+        key, value = declared[name], values[name]
+        low, high = (-inf, inf) if key is None else key.bounds
+        if not (is_flag(value) or (is_number(value) and low <= value <= high)):
+            expected = f"{_values_of(key)} as the value of the {kind} {name} {where}"
+            raise fault_of(source, expected, short_repr(value))
+
+
+def _values_of(key: Key | None) -> str:
+    """The values that a domain can give a key, in words; None: a counter."""
+    if key is None:
+        return "a finite number"
+    return "True or False" if key.flag else key.kind if key.words else key.values
 
 
 def no_ending(result: object, step: object) -> DomainError:

@@ -9,7 +9,6 @@ from __future__ import annotations
 from collections import deque
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from math import inf
 
 from islandgp.bt.core.vocabulary import Key
 from islandgp.seeding import Rng, Stream, stream
@@ -37,8 +36,7 @@ class Sensors:
             (
                 place,
                 faults.noise * key.noise,
-                key.low,
-                inf if key.most is None else key.most,
+                *key.bounds,
                 round if key.whole else float,
             )
             for place, key in enumerate(keys.values())

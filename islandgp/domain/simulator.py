@@ -28,12 +28,11 @@ from pydantic import BaseModel
 
 from islandgp.bt.core.engine import compile_tree
 from islandgp.bt.core.node import ActionArgs, Node
-from islandgp.domain.checks import ANY_NUMBER, ValueRange, must_be_numbers, no_ending
+from islandgp.domain.checks import must_be_numbers, no_ending
 from islandgp.domain.contract import Observer, Outcome, Schema, wants_scenes
 from islandgp.domain.rewards import EventLog, RewardTable
 from islandgp.domain.sensors import SensorFaults
 from islandgp.leaves import Leaf, LeafRunner
-from islandgp.time_limit import Overdue
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -150,11 +149,11 @@ class SimulatorDomain:
         board = [initial.get(place, 0.0) for place in range(len(key_index))]
         sensed = {n: key for n, key in vocabulary.keys.items() if not key.writable}
         places = [key_index[name] for name in sensed]
-        runners: list[_LoggedLeaf] = []
+        runners: list[LeafRunner] = []
 
-        def runner_of(args: ActionArgs) -> _LoggedLeaf:
-            runner = LeafRunner(args, leaves[args.name], vocabulary, board, key_index)
-            runners.append(_LoggedLeaf(args.name, runner, log))
+        def runner_of(args: ActionArgs) -> LeafRunner:
+            leaf = leaves[args.name]
+            runners.append(LeafRunner(args, leaf, vocabulary, board, key_index, log))
             return runners[-1]
 
         watch = None if observer is None else observer.node
@@ -198,8 +197,7 @@ class SimulatorDomain:
         sense = episode.sense
         keys = {n: key for n, key in self.schema.vocabulary.keys.items() if not key.writable}
         enumerated = {name: key for name, key in keys.items() if key.words}
-        ranges = {name: ValueRange.of(key) for name, key in keys.items()}
-        lows, mosts = ([each[end] for each in ranges.values()] for end in range(2))
+        lows, mosts = ([key.bounds[end] for key in keys.values()] for end in range(2))
 
         def read() -> list[float]:
             values = sense()
@@ -210,9 +208,9 @@ class SimulatorDomain:
                 board = [values[key] for key in keys]
                 in_range = all(map(le, lows, board)) and all(map(ge, mosts, board))
                 if not (in_range and isfinite(sum(board))) or len(values) != len(keys):
-                    must_be_numbers(values, "key", ranges, keys, sense)
+                    must_be_numbers(values, "key", keys, keys, sense)
             except (KeyError, TypeError, IndexError):
-                must_be_numbers(values, "key", ranges, keys, sense)
+                must_be_numbers(values, "key", keys, keys, sense)
                 raise
             return [*map(float, board)]
 
@@ -222,32 +220,6 @@ class SimulatorDomain:
 def _counters(schema: Schema, log: EventLog, measures: Any) -> dict[str, float]:
     """The value of each counter. Raises DomainError for wrong values from `measures`."""
     measured = measures()
-    ranges = dict.fromkeys(schema.counters, ANY_NUMBER)
     others = [name for name in schema.counters if name not in schema.events]
-    must_be_numbers(measured, "counter", ranges, others, measures)
+    must_be_numbers(measured, "counter", dict.fromkeys(schema.counters), others, measures)
     return {name: float(measured.get(name, log.counts.get(name, 0))) for name in schema.counters}
-
-
-class _LoggedLeaf:
-    """A leaf whose events are logged as those of its action."""
-
-    __slots__ = ("_log", "_name", "_runner")
-
-    def __init__(self, name: str, runner: LeafRunner, log: EventLog) -> None:
-        self._name, self._runner, self._log = name, runner, log
-
-    def __call__(self, fresh: bool) -> int:
-        self._log.action = self._name
-        try:
-            status = self._runner(fresh)
-        except Overdue as late:
-            late.action = late.action or self._name
-            raise
-        self._log.action = ""
-        return status
-
-    def stop(self) -> None:
-        """Stops the leaf if it runs."""
-        self._log.action = self._name
-        self._runner.stop()
-        self._log.action = ""

@@ -14,7 +14,6 @@ import pickle
 from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
-from heapq import heappop, heappush
 from inspect import getfile
 from itertools import combinations_with_replacement, pairwise
 from math import isclose, isfinite
@@ -94,16 +93,15 @@ def check_domain(
     *,
     trees: Iterable[str | Node] = (),
     random_trees: int = 20,
-    grown_trees: int = 60,
     timeout: float = 30.0,
 ) -> Check:
     """Runs trees in a domain and checks the promises of the interface.
 
     Args:
         make: makes a new but equal instance at each call.
-        trees: that reach events, as texts or nodes; they run besides each action and random trees.
+        trees: that reach events, as texts or nodes; they run besides each action, random trees,
+            and a tree that tries the actions in random order.
         random_trees: number of random trees, >= 0.
-        grown_trees: sequences of actions, extended while they reach something new, at most.
         timeout: of an episode in seconds; 0: none.
 
     Returns:
@@ -111,7 +109,7 @@ def check_domain(
     """
     try:
         survey = Survey(make(), timeout)
-        _run_trees(survey, trees, random_trees, grown_trees)
+        _run_trees(survey, trees, random_trees)
     except (Exception, SystemExit) as error:  # any exception of a domain is a fault
         return Check({str(Promise.RUNS): fault_text(error)}, None)
     found: dict[str, str] = {}
@@ -161,7 +159,7 @@ def known_trees(domain: Domain, library: str | None, default: str) -> tuple[list
     return trees, left_out
 
 
-def _run_trees(survey: Survey, trees: Iterable[str | Node], number: int, grown: int) -> None:
+def _run_trees(survey: Survey, trees: Iterable[str | Node], number: int) -> None:
     """Runs all trees until one exceeds the time limit, as others would take as long."""
     vocabulary = survey.domain.schema.vocabulary
     own = [parse(tree, vocabulary) if isinstance(tree, str) else tree for tree in trees]
@@ -170,35 +168,14 @@ def _run_trees(survey: Survey, trees: Iterable[str | Node], number: int, grown: 
     paper = yaml.safe_load(resource("conf/gp/paper.yaml").read_bytes())["trees"]
     settings = TreeSettings.model_validate({**paper, "depth": (2, 4)})
     space = TreeSpace(settings, vocabulary, Limits(max_depth=5, max_nodes=30))
+    tried = Node("force_success", (), (Node("random_selector", (), (*leaves,)),))
+    at_random = Node("until_failure", (), (tried,))  # any action, in each tick that runs none
     drawn = (random_tree(np.random.default_rng(slot), space) for slot in range(number))
     try:
-        for tree in (*leaves, *own, *pairs, *drawn):
+        for tree in (*leaves, *own, *pairs, *drawn, at_random):
             survey.run(tree)
-        _grow(survey, leaves, grown)
     except TimeLimitError:
         pass  # the survey has kept it
-
-
-def _grow(survey: Survey, actions: Sequence[Node], most: int) -> None:
-    """Runs sequences of actions and extends those that reached something new.
-
-    Those with something that no sequence had reached come first, then the longest.
-    """
-    reached: set[Hashable] = set()
-    waiting: list[tuple[bool, int, int, tuple[Node, ...]]] = [(False, 0, 0, ())]
-    while waiting:
-        *_, chain = heappop(waiting)
-        for action in actions:
-            if not most:
-                return
-            most -= 1
-            longer = (*chain, action)
-            if (run := survey.run(sequence(*longer))) is None:
-                continue
-            firsts, states = run.firsts() - reached, run.states - reached
-            reached |= firsts | states
-            if firsts or states:
-                heappush(waiting, (not firsts, -len(longer), -most, longer))
 
 
 class _Ticks(Record):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Hashable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import StrEnum
 from typing import Any, Final
@@ -12,7 +12,6 @@ from islandgp.bt.core.engine import ABORTED
 from islandgp.bt.core.language import to_text
 from islandgp.bt.core.node import AGAIN, FAILURE, STATUS_NAMES, SUCCESS, Node, walk
 from islandgp.domain import Domain, Observer, Outcome, Scene, Schema, SimulatorDomain, prepare
-from islandgp.domain.checks import ValueRange
 from islandgp.errors import IslandError, TimeLimitError
 from islandgp.plugin import raised_in
 from islandgp.time_limit import time_limit
@@ -137,7 +136,6 @@ class Record(Observer):
         self.tree, self.seeds = tree, seeds  # of its worlds
         self.plain: list[Outcome] = []  # not watched, in each world
         self.statuses: set[tuple[str, int]] = set()  # action and status at the end of a tick
-        self.states: set[Hashable] = set()  # values of all flags together
         self.ticks = 0
         self.ends: dict[str, tuple[float, float]] = {}  # least and greatest value by key
         self.points = dict.fromkeys(schema.components, 0.0)
@@ -146,16 +144,6 @@ class Record(Observer):
         self.faults: dict[Promise, str] = {}
         self._schema, self._movers = schema, -1
         self._actions = [n.action for n in walk(tree)]
-
-    def firsts(self) -> set[Hashable]:
-        """Everything reached: events, successes of actions, ends of the keys' ranges."""
-        reached: set[Hashable] = {*self.events, *self.credited}
-        reached |= {pair for pair in self.statuses if pair[1] == SUCCESS}
-        for name, (low, high) in self.ends.items():
-            key = self._schema.vocabulary.keys[name]
-            ends = {"low": low <= key.low, "above": high > key.low, "high": high >= key.high}
-            reached |= {(name, end) for end, is_reached in ends.items() if is_reached}
-        return reached
 
     def node(self, place: int, status: int) -> None:
         assert FAILURE <= status <= ABORTED, f"Expected a status, found {status}"
@@ -200,12 +188,10 @@ class Record(Observer):
         for (name, key), value in zip(keys.items(), board, strict=False):
             low, high = self.ends.get(name, (value, value))
             self.ends[name] = min(low, value), max(high, value)
-            _, most, _ = ValueRange.of(key)
-            if not key.low <= value <= most or ((key.flag or key.whole) and value % 1):
+            least, most = key.bounds
+            if not least <= value <= most or ((key.flag or key.whole) and value % 1):
                 whole = "a whole number as " if key.flag or key.whole else ""
-                self._fault(Promise.RANGES, f"{whole}{key.low:g} <= {name} <= {most:g}", f"{value}")
-        flags = zip(keys.values(), board, strict=False)
-        self.states.add(tuple(value for key, value in flags if key.flag))
+                self._fault(Promise.RANGES, f"{whole}{least:g} <= {name} <= {most:g}", f"{value}")
 
     def _look_at_scene(self, scene: Scene) -> None:
         for shape in (*scene.fixed, *scene.items, *scene.movers):

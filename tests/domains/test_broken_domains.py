@@ -81,11 +81,9 @@ def problem(module: ModuleType) -> Problem:
     return Problem.of(factory, world, rewards, Curriculum(**config["curriculum"]))
 
 
-def faults(module: ModuleType, *, timeout: float = 20, number: int = 60) -> dict[str, list[str]]:
+def faults(module: ModuleType, *, timeout: float = 20) -> dict[str, list[str]]:
     """The lines of each promise that is broken, found with a few trees."""
-    check = check_domain(
-        lambda: problem(module).domain, random_trees=4, grown_trees=number, timeout=timeout
-    )
+    check = check_domain(lambda: problem(module).domain, random_trees=4, timeout=timeout)
     return {promise: fault.splitlines() for promise, fault in check.faults.items()}
 
 
@@ -180,7 +178,7 @@ def test_a_method_that_is_missing_or_takes_other_arguments_is_named(
     broken: Broken, old: str, new: str, error: str
 ) -> None:
     """By Python's message."""
-    (message,) = faults(broken(old, new), number=0)["every episode runs"]
+    (message,) = faults(broken(old, new))["every episode runs"]
     assert message.startswith(f"Expected no error, found {error.partition('. Did')[0]}")
 
 
@@ -211,7 +209,7 @@ def test_a_promise_that_is_broken_is_reported(
     broken: Broken, old: str, new: str, promise: str, fault: str
 ) -> None:
     """All episodes run, and one promise does not hold."""
-    assert faults(broken(old, new), number=20) == {promise: [fault]}
+    assert faults(broken(old, new)) == {promise: [fault]}
 
 
 DECLARATIONS = [

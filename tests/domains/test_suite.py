@@ -47,12 +47,12 @@ CARRY = (EXAMPLES / "pick_place" / "carry.bt").read_text(encoding="utf-8")
 
 def check_pick_place(make: Callable[[], Domain]) -> Check:
     """The check with the tutorial's tree and few others."""
-    return check_domain(make, trees=[CARRY], random_trees=4, grown_trees=20)
+    return check_domain(make, trees=[CARRY], random_trees=4)
 
 
 def test_the_island_keeps_its_promises() -> None:
     """With a few trees; no actions seem to share a resource that they do not declare."""
-    check = check_domain(island, random_trees=4, grown_trees=6)
+    check = check_domain(island, random_trees=4)
     assert (check.faults, check.shared()) == ({}, [])
 
 
@@ -106,7 +106,7 @@ def test_a_status_that_an_action_has_only_behind_another_is_found() -> None:
         assert isinstance(plain_island, Island)
         return Homing(plain_island.world, plain_island.rewards)
 
-    faults = check_domain(homing, random_trees=0, grown_trees=0).faults
+    faults = check_domain(homing, random_trees=0).faults
     message = faults["actions return the statuses that they declare"]
     assert message == "Expected ReturnToStart to return SUCCESS, found RUNNING."
 
@@ -121,8 +121,8 @@ def test_actions_that_seem_to_share_a_resource_are_listed() -> None:
         domain.schema = replace(domain.schema, vocabulary=replace(words, actions=actions))  # type: ignore[misc]
         return domain
 
-    check = check_domain(undeclared, random_trees=0, grown_trees=0)
+    check = check_domain(undeclared, random_trees=0)
     assert "  MoveToPick and MoveToPlace" in check.lines()
     assert "Tuck with itself" not in check.shared()
-    declared = check_domain(pick_place, random_trees=0, grown_trees=0)
+    declared = check_domain(pick_place, random_trees=0)
     assert "MoveToPick and MoveToPlace" not in declared.shared()

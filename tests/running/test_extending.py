@@ -34,7 +34,7 @@ from pathlib import Path
 from islandgp.testing import check_domain
 from tests.running.commands import in_process
 
-check_domain.__kwdefaults__.update(random_trees=2, grown_trees=8)
+check_domain.__kwdefaults__.update(random_trees=2)
 say = in_process(Path.cwd())
 print(json.dumps([say(*words) for words in json.loads(sys.argv[1])]))
 """
@@ -109,7 +109,6 @@ def outside(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert len(page_commands) == 10
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(check_domain.__kwdefaults__, "random_trees", 2)
-        patch.setitem(check_domain.__kwdefaults__, "grown_trees", 8)
         for command in page_commands:
             run(*arguments_of(command))
     return folder

@@ -15,7 +15,7 @@ def make_domain():
 
 def test_the_domain_keeps_its_promises():
     """Episodes are functions of tree and seed; keys stay in their ranges; and so on."""
-    assert check_domain(make_domain, random_trees=5, grown_trees=5).faults == {}
+    assert check_domain(make_domain, random_trees=5).faults == {}
 
 
 def test_the_hand_written_tree_acts():

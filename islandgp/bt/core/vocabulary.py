@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from math import inf
 from typing import Annotated, Any, ClassVar, Final, TypeAlias
 
 from pydantic import AfterValidator, BeforeValidator, ValidationInfo
@@ -125,6 +126,11 @@ class Key:
         if self.words:
             return f"one of {', '.join(self.words)}"
         return "a flag" if self.flag else "a number"
+
+    @property
+    def bounds(self) -> tuple[float, float]:
+        """Its least and greatest value as a number; of a flag 0 and 1, of a word an index."""
+        return self.low, 1.0 if self.flag else inf if self.most is None else self.most
 
     @property
     def operators(self) -> tuple[str, ...]:

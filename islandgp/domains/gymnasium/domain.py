@@ -24,7 +24,7 @@ from islandgp.domain import (
     once_a_thread,
     png,
 )
-from islandgp.domain.checks import ValueRange, must_be_numbers
+from islandgp.domain.checks import must_be_numbers
 from islandgp.domains.gymnasium import world as settings
 from islandgp.domains.gymnasium.spaces import Spaces
 from islandgp.errors import ConfigError
@@ -197,9 +197,8 @@ class _Episode:
             for i in words:
                 readings[i] = float(round(readings[i]))
             if not isfinite(sum(readings)):
-                ranges = {name: ValueRange.of(key) for name, key in keys.items()}
                 found = dict(zip(keys, readings, strict=True))
-                must_be_numbers(found, "key", ranges, keys, self.env.step)
+                must_be_numbers(found, "key", keys, keys, self.env.step)
             return readings
 
         return read
