@@ -5,7 +5,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import reduce
 from inspect import get_annotations
 from operator import add
@@ -15,7 +15,7 @@ from pydantic import BaseModel, Field
 
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.parameters import validated
-from islandgp.bt.core.vocabulary import Action, Vocabulary
+from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import DomainError
 
 
@@ -86,20 +86,6 @@ class Schema:
         if not self.counters:
             counted = {name: Counter(event.meaning) for name, event in self.events.items()}
             object.__setattr__(self, "counters", counted)
-
-    def with_actions(self, domain: str, actions: Mapping[str, Action]) -> Schema:
-        """The schema of another domain, with further actions.
-
-        Args:
-            domain: name of that domain.
-            actions: added to those of this schema, by name; one of the same name replaces it.
-
-        Returns:
-            The new schema.
-        """
-        all_of_them = {**self.vocabulary.actions, **actions}
-        vocabulary = replace(self.vocabulary, domain=domain, actions=all_of_them)
-        return replace(self, vocabulary=vocabulary)
 
 
 def total(values: Iterable[float]) -> float:

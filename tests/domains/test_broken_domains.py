@@ -9,25 +9,18 @@ import importlib.util
 import re
 import subprocess
 import sys
-from collections.abc import Callable, Mapping
-from dataclasses import replace
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
-from typing import ClassVar
 
 import pytest
 import yaml
 
-from islandgp.bt.core.vocabulary import Action
-from islandgp.domains.island import Island
-from islandgp.domains.island.state import State
-from islandgp.domains.island.vocabulary import IslandAction
 from islandgp.errors import DomainError, EvaluationError
 from islandgp.evaluation.base import Job, Problem, simulate
 from islandgp.evaluation.serial import Serial
 from islandgp.scoring.curriculum import Curriculum
 from islandgp.testing import check_domain
-from tests.composed import plain
 from tests.domains.test_outside import OWN, example
 from tests.domains.test_tutorial import EXAMPLE
 from tests.profiles import sweep
@@ -261,25 +254,6 @@ def test_an_action_that_does_not_return_is_named(broken: Broken, case: str) -> N
     module = broken(TUCK, code)
     (message,) = faults(module, timeout=0.2)["every episode runs"]
     assert f"found {function} still running after 0.2 s, in {module.__file__}, line " in message
-
-
-def test_an_action_of_the_island_that_does_not_return_is_named() -> None:
-    """By its name in the language, not by its function's."""
-
-    def think(_: State, __: bool) -> int:
-        while True:
-            pass
-
-    class Thinking(Island):
-        schema = Island.schema.with_actions("thinking", {"Think": Action("thinks")})
-        actions: ClassVar[Mapping[str, IslandAction]] = {**Island.actions, "Think": think}
-
-    setting = Problem.recorded(plain("world.episode.length=60"))
-    island = setting.domain
-    assert isinstance(island, Island)
-    setting = replace(setting, domain=Thinking(island.world, island.rewards))
-    with pytest.raises(EvaluationError, match=r"the action Think still running after 0\.2 s"):
-        simulate(setting, Job("Think", 0, 3), 0.2)
 
 
 def test_preparing_is_not_limited(broken: Broken) -> None:

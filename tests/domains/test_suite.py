@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from copy import copy
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import Any, ClassVar
+from typing import Any
 
 import pytest
 import yaml
 
-from islandgp.bt.core.node import SUCCESS
-from islandgp.bt.core.vocabulary import Action
+from islandgp.bt.core.node import FAILURE
 from islandgp.domain import Domain
-from islandgp.domains.island import Island
-from islandgp.domains.island.vocabulary import IslandAction
 from islandgp.evaluation.base import Problem
 from islandgp.gate import user_folder
 from islandgp.testing import Check, check_domain
@@ -91,24 +88,15 @@ def test_broken_promises_are_found(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_a_status_that_an_action_has_only_behind_another_is_found() -> None:
-    """Where the robot starts it succeeds at once; only after a drive it runs."""
-    declared = Action("drives home", statuses=frozenset({SUCCESS}))
-
-    class Homing(Island):
-        schema = Island.schema.with_actions("homing", {"ReturnToStart": declared})
-        actions: ClassVar[Mapping[str, IslandAction]] = {
-            **Island.actions,
-            "ReturnToStart": lambda island, _: island.drive(*island.world.start, 5.0),
-        }
-
-    def homing() -> Domain:
-        plain_island = island()
-        assert isinstance(plain_island, Island)
-        return Homing(plain_island.world, plain_island.rewards)
-
-    faults = check_domain(homing, random_trees=0).faults
+    """Where the robot does not know its place, it fails at once; only behind `Localise` it runs."""
+    domain = copy(pick_place())
+    words = domain.schema.vocabulary
+    declared = replace(words.actions["MoveToPick"], statuses=frozenset({FAILURE}))
+    changed = replace(words, actions={**words.actions, "MoveToPick": declared})
+    domain.schema = replace(domain.schema, vocabulary=changed)  # type: ignore[misc]
+    faults = check_domain(lambda: domain, random_trees=0).faults
     message = faults["actions return the statuses that they declare"]
-    assert message == "Expected ReturnToStart to return SUCCESS, found RUNNING."
+    assert message == "Expected MoveToPick to return FAILURE, found RUNNING."
 
 
 def test_actions_that_seem_to_share_a_resource_are_listed() -> None:

@@ -26,7 +26,6 @@ COPIED = ("islandgp", "conf", "grammar", "prompts", "tests", "pyproject.toml")
 SMALL = ("gp.generations=3", "gp.population=12", "world.episode.length=20", "progress=off")
 NEAR = ("--set", "world.waypoints=[[150,160],[150,140]]")
 LAPS = "selector { when batteryLevel < 40 { SeekCharger } PatrolWaypoint }"
-HOME = "selector { when batteryLevel < 65 { ReturnToStart } PatrolWaypoint }"
 COLLECT = "selector { when robotCurrentExtraCapacity < 15 { DeliverToClearingPoint } %s }"
 IN_A_PROCESS = """
 import json, sys
@@ -106,7 +105,7 @@ def outside(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_files(folder)
     run = in_process(folder)
     page_commands = commands("sh")
-    assert len(page_commands) == 10
+    assert len(page_commands) == 8
     with pytest.MonkeyPatch.context() as patch:
         patch.setitem(check_domain.__kwdefaults__, "random_trees", 2)
         for command in page_commands:
@@ -194,21 +193,6 @@ def test_operators(outside: Path) -> None:
     hoisted, crossed = records(outside, "gp=hoisting"), records(outside, "operators_leaf")
     assert "operators:hoist" in {i["mutation"] for r in hoisted for i in r["individuals"]}
     assert "crossover" in {i["origin"] for r in crossed for i in r["individuals"]}
-
-
-@pytest.mark.slow
-def test_an_action(outside: Path) -> None:
-    """Random trees have the action, and it drives the robot home."""
-    (file,) = outside.glob("runs/smoke/*domain=homing*/generations.jsonl")
-    assert "ReturnToStart" in file.read_text(encoding="utf-8")
-    options = ("--config-dir", "mine", "--set", "domain=homing")
-    run = in_process(outside)
-    homing, patrolling = (
-        played(run, outside, HOME, *options),
-        played(run, outside, "PatrolWaypoint"),
-    )
-    for a, b in zip(homing, patrolling, strict=True):
-        assert 0 < a["counters"]["distance"] < b["counters"]["distance"] / 2
 
 
 @pytest.mark.slow

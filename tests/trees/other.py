@@ -5,12 +5,14 @@ from __future__ import annotations
 from typing import ClassVar
 
 from islandgp.bt.core.vocabulary import Action, Vocabulary, flag
-from islandgp.domain import Event, Schema
+from islandgp.domain import Event, Schema, SimulatorDomain
 from islandgp.domains.island import Island
 
 
-class Other(Island):
+class Other(SimulatorDomain):
     """As `check` sees it: only the vocabulary counts."""
+
+    World = Island.World
 
     schema: ClassVar[Schema] = Schema(
         vocabulary=Vocabulary(

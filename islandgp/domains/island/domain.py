@@ -26,8 +26,7 @@ from islandgp.domain.rewards import worth
 from islandgp.domains.island import world as settings
 from islandgp.domains.island.events import EVENTS
 from islandgp.domains.island.schedule import obstacles
-from islandgp.domains.island.vocabulary import ACTIONS, SCHEMA, IslandAction
-from islandgp.errors import DomainError
+from islandgp.domains.island.vocabulary import SCHEMA, VOCABULARY
 
 if TYPE_CHECKING:
     from islandgp.domains.island.state import State
@@ -47,21 +46,15 @@ GOAL_SIZE: Final = 1.5  # m, in pictures
 
 
 class Island:
-    """The island of section 2.2.2, in pymunk. A subclass may have another schema and actions."""
+    """The island of section 2.2.2, in pymunk."""
 
     World: ClassVar[type[BaseModel]] = settings.IslandWorld
     Rewards: ClassVar[type[BaseModel]] = RewardTable
     schema: ClassVar[Schema] = SCHEMA
-    actions: ClassVar[Mapping[str, IslandAction]] = ACTIONS
     faults: SensorFaults | None = None  # between the world and the blackboard
 
     def __init__(self, world: settings.IslandWorld, rewards: RewardTable) -> None:
-        """Raises ConfigError if obstacles do not fit, DomainError if an action is missing."""
-        if missing := self.schema.vocabulary.actions.keys() - self.actions.keys():
-            raise DomainError(
-                f"Expected a function in {type(self).__name__}.actions for each action of its"
-                f" schema, found none for {min(missing)}; add it."
-            )
+        """Raises ConfigError if obstacles do not fit."""
         obstacles(world)
         self.world = world
         self.rewards = rewards
@@ -75,16 +68,12 @@ class Island:
     @classmethod
     def vocabulary_in(cls, worlds: Sequence[settings.IslandWorld]) -> Vocabulary:
         """See `Domain`: the greatest `capacity` and `charge_below` of the worlds are bounds."""
-        vocabulary = cls.schema.vocabulary
-        if (room := vocabulary.keys.get("robotCurrentExtraCapacity")) is not None:
-            room = replace(room, most=max(world.robot.capacity for world in worlds))
-            keys = {**vocabulary.keys, "robotCurrentExtraCapacity": room}
-            vocabulary = replace(vocabulary, keys=keys)
-        if (charge := vocabulary.actions.get("ExecuteCharge")) is None:
-            return vocabulary
-        most = max(world.robot.charge_below for world in worlds)
-        starts = replace(charge, to_start=(Condition("batteryLevel", "<", most),))
-        return replace(vocabulary, actions={**vocabulary.actions, "ExecuteCharge": starts})
+        keys, actions = dict(VOCABULARY.keys), dict(VOCABULARY.actions)
+        room, charge = "robotCurrentExtraCapacity", "ExecuteCharge"
+        keys[room] = replace(keys[room], most=max(world.robot.capacity for world in worlds))
+        below = Condition("batteryLevel", "<", max(world.robot.charge_below for world in worlds))
+        actions[charge] = replace(actions[charge], to_start=(below,))
+        return replace(VOCABULARY, keys=keys, actions=actions)
 
     def with_sensors(self, faults: SensorFaults) -> Self:
         """See `Domain`."""
@@ -135,7 +124,6 @@ class Island:
             self.world,
             seed,
             value if observer is None else award,
-            actions=self.actions,
             stepwise=observer is not None,
             watch=None if observer is None else observer.node,
             observe=None if observer is None else observe,

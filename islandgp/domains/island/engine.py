@@ -250,7 +250,7 @@ def until_tick(s, status):
 
 @compiled
 def behave(s, action, fresh):
-    """See `act`."""
+    """The status of an action, by its number in the vocabulary."""
     if action == 0:
         return behaviour.move_to_garbage(s, fresh)
     if action == 1:
@@ -296,19 +296,14 @@ def _entries(version: int) -> tuple[Any, ...]:
         return until_tick(record[0], status)
 
     @_cached
-    def drive(record, x, y, reach, lead):
-        assert version
-        return behaviour.drive(record[0], x, y, reach, lead)
-
-    @_cached
     def straight(x, y, vx, vy, dt, steps):
         assert version
         return straight_on(x, y, vx, vy, dt, steps)
 
-    return act, proceed, drive, straight
+    return act, proceed, straight
 
 
-act, proceed, drive, straight = _entries(_version())
+act, proceed, straight = _entries(_version())
 
 
 def _adds_as_chipmunk() -> bool:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from functools import cache, partial
 
 from islandgp.bt.core.engine import compile_tree
@@ -13,10 +13,8 @@ from islandgp.domain import FAILURE, Node, Sensors
 from islandgp.domains.island import engine
 from islandgp.domains.island.events import Award
 from islandgp.domains.island.state import State
-from islandgp.domains.island.vocabulary import ACTIONS, VOCABULARY, IslandAction
+from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.domains.island.world import IslandWorld
-from islandgp.leaves import status_of
-from islandgp.time_limit import Overdue
 
 
 @cache
@@ -24,8 +22,7 @@ def compile_engine(world: IslandWorld) -> None:
     """Compiles the functions that an episode calls, or loads their machine code."""
     island = State(world, 0, lambda _event, _amount: ("", 0.0))
     engine.proceed(island.record, FAILURE)
-    island.perform(0, True)
-    island.drive(0, 0, 1)
+    island.perform(0, False, True)
 
 
 def run_episode(
@@ -34,20 +31,18 @@ def run_episode(
     seed: int,
     award: Award,
     *,
-    actions: Mapping[str, IslandAction] = ACTIONS,
     stepwise: bool = False,
     watch: Callable[[int, int], None] | None = None,
     observe: Callable[[State], None] | None = None,
     sensors: Sensors | None = None,
 ) -> State:
-    """The island after an episode, a function of tree, world, seed, award and actions.
+    """The island after an episode, a function of tree, world, seed and award.
 
     Args:
         tree: the robot's tree.
         world: settings of the island.
         seed: of the world.
         award: component and points by event.
-        actions: the robot's actions by name.
         stepwise: check every part in every step.
         watch: called with the index and status of every ticked node.
         observe: called with the island after every tick. Like `watch`, it needs `stepwise` to be
@@ -69,7 +64,7 @@ def run_episode(
             may_coast=may_coast,
         )
         board = island.board if sensors is None else island.board.tolist()
-        bound, step_s = _bound_actions(tree, island, actions), world.episode.step
+        bound, step_s = _bound_actions(tree, island), world.episode.step
         keys = VOCABULARY.key_index
         tick = compile_tree(tree, bound, board, keys, watch=watch, step_s=step_s, seed=seed)
         status = FAILURE
@@ -90,34 +85,13 @@ def run_episode(
         may_coast = False  # two contacts of one body: the episode is repeated
 
 
-def _bound_actions(
-    tree: Node, island: State, actions: Mapping[str, IslandAction]
-) -> dict[str, Callable[[bool], int]]:
+def _bound_actions(tree: Node, island: State) -> dict[str, Callable[[bool], int]]:
     """The actions of this island's robot.
 
     All leaves of one action share its goal: one that starts may change it for another that runs.
     """
     leaves = Counter(node.action for node in walk(tree) if node.action)
-    bound: dict[str, Callable[[bool], int]] = {}
-    for name in leaves:
-        action = actions[name]
-        if ACTIONS.get(name) is not action:
-            action = partial(_checked, name, action)
-        leaf: Callable[[bool], int] = partial(action, island)
-        bound[name] = partial(_shared, leaf, island) if leaves[name] > 1 else leaf
-    return bound
-
-
-def _checked(name: str, action: IslandAction, island: State, fresh: bool) -> int:
-    """Calls a user's action. Raises DomainError if it returns no status."""
-    try:
-        return status_of(action(island, fresh), name, action)
-    except Overdue as late:
-        late.action = late.action or name
-        raise
-
-
-def _shared(leaf: Callable[[bool], int], island: State, fresh: bool) -> int:
-    if fresh:
-        island.restarted = True
-    return leaf(fresh)
+    numbers = {name: number for number, name in enumerate(VOCABULARY.actions)}
+    return {
+        name: partial(island.perform, numbers[name], count > 1) for name, count in leaves.items()
+    }

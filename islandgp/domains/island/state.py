@@ -1,4 +1,4 @@
-"""The state of the island in an episode, for Python: actions of users, observers, the log."""
+"""The state of the island in an episode, for Python: actions, observers, the log."""
 
 from __future__ import annotations
 
@@ -108,13 +108,6 @@ class State:
             raise AttributeError(f"{type(self).__name__} has no attribute {name!r}")
         return self.record[name].item()
 
-    def __setattr__(self, name: str, value: Any) -> None:
-        """Sets a field of the record, or one of the few other attributes."""
-        if name in _AT:
-            self.record[name] = value
-        else:
-            object.__setattr__(self, name, value)
-
     @property
     def ending(self) -> str:
         """The reason for the end of the episode, one of `SCHEMA.endings`."""
@@ -139,37 +132,19 @@ class State:
     def log(self, event: str, amount: float) -> None:
         """Records an event of this step."""
         self.event_log.log(self.step, event, amount)
-        self.best_step = self.event_log.best_step
-        self.negative_since = self.event_log.negative_since
+        self._numbers[_BEST] = self.event_log.best_step
+        self._numbers[_NEGATIVE] = self.event_log.negative_since
 
-    def act(self, event: str, amount: float) -> None:
-        """Records a non-movement action with its event."""
-        self.log(event, amount)
-        self.acted = self.world_changed = True
-        self.last_action = self.step
+    def perform(self, action: int, shared: bool, fresh: bool) -> int:
+        """Calls an action of the robot; returns its status.
 
-    def wake_at(self, step: int) -> None:
-        """Requests a tick at `step` at the latest."""
-        self.record["wake"] = min(self.record["wake"].item(), step)
-
-    def result_holds_for(self, metres: float) -> None:
-        """Declares that a fresh call of the action has the same result for the next `metres`.
-
-        Changes of the blackboard, the load and garbage in sight are detected anyway.
+        Args:
+            action: its number in the vocabulary.
+            shared: several leaves of the tree have it.
+            fresh: as in `behaviour`.
         """
-        self.record["free_distance"] = min(self.record["free_distance"].item(), metres)
-
-    def drive(self, x: float, y: float, reach: float, lead: float = inf) -> int:
-        """RUNNING while the wheels turn towards (x, y), SUCCESS within `reach` metres.
-
-        `lead`: metres by which this goal is nearer than any other that the same action, called
-        fresh, may choose.
-        """
-        status: int = engine.drive(self.record, float(x), float(y), float(reach), float(lead))
-        return status
-
-    def perform(self, action: int, fresh: bool) -> int:
-        """Calls an action of the island, a number of `actions.ACTIONS`; returns its status."""
+        if shared and fresh:
+            self.record["restarted"] = True
         status: int = engine.act(self.record, action, fresh)
         if self._numbers[_PENDING]:
             self.count_events()

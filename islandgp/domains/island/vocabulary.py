@@ -5,8 +5,7 @@ Sections 2.2.2 and 2.2.3, Table 3.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Final
+from typing import Final
 
 from islandgp.domain import (
     FAILURE,
@@ -23,12 +22,6 @@ from islandgp.domain import (
     integer,
     number,
 )
-
-if TYPE_CHECKING:
-    from islandgp.domains.island.state import State
-
-IslandAction = Callable[["State", bool], int]
-"""(island, fresh) to a status; `docs/extending.md` shows how to write one."""
 
 _ROOM: Final = Condition("robotCurrentExtraCapacity", ">=", 1)
 _LOAD: Final = Condition("robotCurrentExtraCapacity", "<=", 29)
@@ -181,13 +174,3 @@ SCHEMA: Final = Schema(
     },
     delay=20,
 )
-
-
-def _action(number: int) -> IslandAction:
-    return lambda island, fresh: island.perform(number, fresh)
-
-
-ACTIONS: Final[Mapping[str, IslandAction]] = {
-    name: _action(number) for number, name in enumerate(VOCABULARY.actions)
-}
-"""The actions by name; `engine.behave` has them in the same order."""

@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 from itertools import pairwise
-from typing import Any
 
-import numpy as np
 import pytest
 
-from islandgp.bt.core.language import parse
-from islandgp.domains.island.vocabulary import ACTIONS
 from islandgp.domains.island.world import IslandWorld
-from islandgp.errors import DomainError
 from tests.domains.island.conftest import Lay
-from tests.domains.island.days import day, points, run_episode, world
+from tests.domains.island.days import day, world
 
 GARBAGE_KEY, HUMANOID_KEY = 3, 4  # places on the blackboard
 
@@ -330,23 +325,3 @@ def test_inactive_time(lay: Lay) -> None:
     trace = day("PickupGarbage", short(10))
     assert trace.episode.inactive == pytest.approx(6, abs=0.11)
     assert day("PatrolWaypoint", short(10)).episode.inactive == 10
-
-
-# Actions of users
-
-
-@pytest.mark.parametrize("result", [None, 1.0, np.int64(1), 7])
-def test_an_action_returns_a_status(result: Any) -> None:
-    """Another value is an error that names the action, also if it is compared like a status."""
-    actions = {**ACTIONS, "SeekCharger": lambda _island, _fresh: result}
-    with pytest.raises(DomainError, match="from the action SeekCharger, found"):
-        run_episode(parse("SeekCharger"), short(), 0, points(), actions=actions)
-
-
-def test_an_action_can_return_a_numpy_bool() -> None:
-    """It is the same as True."""
-    actions = [{**ACTIONS, "SeekCharger": lambda _i, _f, end=end: end} for end in (True, np.True_)]
-    one, other = (
-        run_episode(parse("SeekCharger"), short(), 0, points(), actions=each) for each in actions
-    )
-    assert one == other

@@ -33,9 +33,9 @@ def test_outcome_counts_events(monkeypatch: pytest.MonkeyPatch) -> None:
     assert island.run_episode(None, 0, {}).components == dict.fromkeys(SCHEMA.components, 0)  # type: ignore[arg-type]
     for event, amount in EVENTS_LOGGED:
         end.log(event, amount)
-    end.step, end.last_action, end.laps = 10, 6, 2
-    end.odometer = round(80 / end.stride)
-    end.battery = 12_500_000
+    fields = {"step": 10, "last_action": 6, "laps": 2, "battery": 12_500_000}
+    for name, value in {**fields, "odometer": round(80 / end.stride)}.items():
+        end.record[name] = value
     outcome = island.run_episode(None, 0, settings.curriculum.multipliers(0))  # type: ignore[arg-type]
     assert outcome.counters == {
         "pickups": 2,

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from math import hypot
+from math import hypot, inf
 
 import numpy as np
 import pytest
 
 from islandgp.bt.core.node import RUNNING
+from islandgp.domains.island import behaviour
 from islandgp.domains.island.fields import ROCK
 from islandgp.domains.island.motion import next_leg, turn_wheels
 from islandgp.domains.island.schedule import Circle, obstacles
@@ -29,18 +30,20 @@ def drive(
 ) -> tuple[float, float]:
     """Drives without an engine; returns (metres driven, least distance of hull and rock)."""
     lay(obstacles=rocks)
-    now, nearest = State(island, 0, points()), 1e9
-    now.x, now.y = start
-    while now.drive(*goal, reach) == RUNNING:
-        if now.step == 20_000:
-            return float("inf"), nearest
-        turn_wheels(now.record[0])
-        now.x += now.vx * island.episode.step
-        now.y += now.vy * island.episode.step
-        now.step += 1
+    state, nearest = State(island, 0, points()), 1e9
+    now = state.record[0]
+    now["x"], now["y"] = start
+    while behaviour.drive(now, *goal, reach, inf) == RUNNING:
+        if now["step"] == 20_000:
+            return inf, nearest
+        turn_wheels(now)
+        now["x"] += now["vx"] * island.episode.step
+        now["y"] += now["vy"] * island.episode.step
+        now["step"] += 1
         for x, y, r in rocks:
-            nearest = min(nearest, hypot(x - now.x, y - now.y) - r - island.robot.radius)
-    return now.step * now.stride, nearest
+            gap = hypot(x - now["x"], y - now["y"]) - r
+            nearest = min(nearest, gap - island.robot.radius)
+    return now["step"] * now["stride"], nearest
 
 
 def first_leg(goal: Point, *rocks: Circle) -> tuple[float, float, float]:
