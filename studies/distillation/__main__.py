@@ -20,7 +20,7 @@ from islandgp.errors import StudyError
 from islandgp.gate import must_be_known_code, user_folder
 from islandgp.gp.record import GuidanceRecord
 from islandgp.gp.state import population_state
-from islandgp.scoring.state import Crisis, PopulationState
+from islandgp.scoring.state import PopulationState
 from studies.distillation.fit import Case, Shape, distil, report_lines
 from studies.distillation.policy import NAME, Policy, features, rules
 
@@ -78,13 +78,12 @@ def cases_of(
     number: int, path: Path, config: dict[str, Any], config_dir: Path | None
 ) -> Iterator[Case]:
     """The decisions of a run's supervisor; those of its fallback are left out."""
-    crisis = Crisis(**config["gp"]["crisis"])
     for state, guidance in recorded_decisions(path, config, config_dir):
         if guidance.source != "fallback":
             given = {part: not _fell_back(guidance.notes, part) for part in ("tree", "rate")}
             yield Case(
                 run=number,
-                known=features(state, crisis),
+                known=features(state),
                 target=guidance.target if guidance.tree is not None and given["tree"] else None,
                 rate=guidance.wanted_rate if given["rate"] else None,
             )

@@ -16,13 +16,14 @@ import numpy as np
 from pydantic import BaseModel, Discriminator, FiniteFloat, Tag
 
 from islandgp.errors import SupervisionError
-from islandgp.scoring.state import Crisis, PopulationState
+from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, RunContext
 from islandgp.supervision.expert import Expert, ExpertSettings
 from islandgp.supervision.state_json import state_json
 
 NAME: Final = "policy.json"
 MAX_BYTES: Final = 5_000_000  # most bytes of a policy's file
+SMALL: Final = 1e-6  # points: relative changes of smaller values are 0
 
 
 class Answer(BaseModel, frozen=True, extra="forbid"):
@@ -99,14 +100,18 @@ def read_policy(folder: Path) -> Policy:
         raise SupervisionError(f"Expected a policy in {path}, found another file: {line}") from None
 
 
-def features(state: PopulationState, crisis: Crisis) -> dict[str, float]:
-    """The features of a state: the numbers among its fields (`state_json`), and `ahead.NAME`.
+def features(state: PopulationState) -> dict[str, float]:
+    """The features of a state: the numbers among its fields (`state_json`), and three more.
 
-    `ahead.NAME` is the number of individuals with a behaviour minus that of the rarest behaviour.
+    `ahead.NAME` is the number of individuals with a behaviour minus that of the rarest behaviour,
+    `crisis` is 1 in a crisis, and `best_change_share` is `best_change` as a share of the best.
     """
-    numbers = dict(_numbers(state_json(state, crisis)))
+    numbers = dict(_numbers(state_json(state)))
     counts = state.now.behaviour_counts
     rarest = min(counts.values())
+    before = abs(state.now.fitness_max - state.best_change)
+    share = round(state.best_change / before, 3) if before > SMALL else 0.0
+    numbers |= {"crisis": float(bool(state.crisis)), "best_change_share": share}
     return numbers | {f"ahead.{name}": float(n - rarest) for name, n in counts.items()}
 
 
@@ -152,14 +157,14 @@ class Distilled:
         """See `Supervisor`. Raises SupervisionError as `check` does."""
         policy = settings.policy()
         _check(policy, context)
-        return cls(policy, Expert.make(settings, context), context.crisis)
+        return cls(policy, Expert.make(settings, context))
 
-    def __init__(self, policy: Policy, expert: Expert, crisis: Crisis) -> None:
-        self.policy, self.expert, self.crisis = policy, expert, crisis
+    def __init__(self, policy: Policy, expert: Expert) -> None:
+        self.policy, self.expert = policy, expert
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
         """See `Supervisor`."""
-        values = features(state, self.crisis)
+        values = features(state)
         target, rate = str(decide(self.policy.target, values)), decide(self.policy.rate, values)
         tree_fields = self.expert.tree_for(target, state, rng)
         return replace(
@@ -197,25 +202,22 @@ def _fields(context: RunContext) -> set[str]:
     classes = context.classes
     names = {
         "specialists": classes.specialist_names,
-        "doing": classes.behaviours,
+        "behaviour_counts": classes.behaviours,
         "ahead": classes.behaviours,
         "tiers": classes.tiers,
-        "milestones": [f"{name}_seen" for name in classes.milestones],
-        "activity": context.schema.counters,
-        "next_multipliers": context.schema.components,
+        "milestones_reached": classes.milestones,
+        "counters": context.schema.counters,
+        "multipliers": context.schema.components,
     }
     return {*OF_ANY_RUN, *(f"{group}.{name}" for group, each in names.items() for name in each)}
 
 
 OF_ANY_RUN: Final = (
-    *("generation", "generations", "epoch", "stage", "working_ratio"),
-    *("fitness.best", "fitness.mean", "fitness.sd", "fitness.best_change", "fitness.mean_change"),
-    *("fitness.best_change_share", "fitness.best_trend", "fitness.mean_trend"),
-    *("diversity.now", "diversity.change", "diversity.trend"),
-    *("stagnation.generations", "stagnation.epochs"),
-    *("crisis.low_diversity", "crisis.diversity_below", "crisis.stagnant_epochs_above"),
-    *("crisis.now", "parameters.mutation_rate", "parameters.crossover_rate"),
-    *("parameters.population", "parameters.mean_tree_nodes"),
+    *("generation", "generations", "epoch", "stage", "working", "size", "population"),
+    *("fitness_max", "fitness_mean", "fitness_sd", "best_change", "mean_change"),
+    *("best_trend", "mean_trend", "diversity", "diversity_change", "diversity_trend"),
+    *("stagnant_generations", "stagnant_epochs", "diversity_warning", "crisis"),
+    *("mutation_rate", "crossover_rate", "best_change_share"),
 )
 """Features that do not depend on the domain and the classes."""
 

@@ -84,7 +84,7 @@ def distilled() -> Distilled:
     )
     expert = make_supervisor(composed("supervisor=expert"), None)
     assert isinstance(expert, Expert)
-    return Distilled(policy, expert, samples.context().crisis)
+    return Distilled(policy, expert)
 
 
 MAKERS: dict[str, Callable[[], Supervisor]] = {

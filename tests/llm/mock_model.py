@@ -26,7 +26,6 @@ _STATE: Final = re.compile(r"```json\n(.*?)\n```", re.DOTALL)
 _EXAMPLE: Final = re.compile(r"(?:For ([\w, ]+):\n\n)?```\n(.*?)\n```", re.DOTALL)
 _RANGE: Final = re.compile(r"^\| (\w+) \|.*\| ([\d.]+) to ([\d.]+) \|$", re.MULTILINE)
 _LIMITS: Final = re.compile(r"More than (\d+) levels or (\d+) nodes are refused")
-_FATE: Final = re.compile(r"^Generation \d+, for (\w+)[^\n]* No individual", re.MULTILINE)
 _TRACED: Final = re.compile(r"^The fittest tree.*?```\n(.*?)\n```", re.MULTILINE | re.DOTALL)
 _COMPARED: Final = re.compile(r"([<>]=?) (\d+)")
 _URGENT: Final = re.compile(r"^- (\w+): \d+ of \d+ individuals do it", re.MULTILINE)
@@ -34,7 +33,7 @@ _PARENT: Final = re.compile(r"^Individual ([\d.]+):", re.MULTILINE)
 
 FAULTS: Final = (Fault.UNKNOWN_ACTION, Fault.OUT_OF_RANGE, Fault.MAX_TOKENS, Fault.WRONG_TYPES)
 STAGNANT: Final = 5  # generations without improvement
-MAX_EXTINCT: Final = 2  # extinct trees for a target, after which it chooses another target
+LOW: Final = 0.35  # diversity
 
 
 @dataclass(frozen=True)
@@ -79,10 +78,10 @@ def _rate(
     state: Mapping[str, Any], system: str, rng: np.random.Generator, guess: bool
 ) -> dict[str, Any]:
     ranges = {name: (float(low), float(high)) for name, low, high in _RANGE.findall(system)}
-    milestone = next(iter(state["milestones"])).removesuffix("_seen")
-    robots, was_reached = state["tiers"][milestone], state["milestones"][f"{milestone}_seen"]
-    stuck, varied = state["stagnation"]["generations"] >= STAGNANT, state["diversity"]["now"]
-    low = varied < state["crisis"]["diversity_below"] + 0.2
+    milestone = next(iter(state["milestones_reached"]))
+    robots, was_reached = state["tiers"][milestone], state["milestones_reached"][milestone]
+    stuck, varied = state["stagnant_generations"] >= STAGNANT, state["diversity"]
+    low = varied < LOW
     if not robots:
         phase = ("crisis_intervention" if low else "aggressive_exploration") if was_reached else ""
         phase = phase or "early_exploration"
@@ -91,12 +90,12 @@ def _rate(
     elif robots < 3:
         phase = "balanced_exploration" if stuck else "refinement"
     else:
-        rising = state["fitness"]["best_change_share"] > 0.2
+        rising = state["best_change"] > 0.2 * abs(state["fitness_max"] - state["best_change"])
         phase = "exploitation" if rising else "balanced_optimization" if stuck else "refinement"
     if guess and ranges:
         phase = list(ranges)[rng.integers(len(ranges))]
     least, most = ranges.get(phase, (0.2, 0.4))
-    calm = min(1.0, max(state["working_ratio"], robots / 6))
+    calm = min(1.0, max(state["working"], robots / 6))
     return {
         "reasoning": f"Mock answer: {robots} {milestone} robots now, diversity {varied:.2f}.",
         "risk": "None: a mock gives this answer.",
@@ -112,7 +111,7 @@ def _tree(
 ) -> dict[str, Any]:
     section = system.partition("## Examples")[2].partition("\n## ")[0]
     examples = _EXAMPLE.findall(section)
-    target = _target(state, [name for name, _ in examples], user, rng, guess)
+    target = _target(state, [name for name, _ in examples], rng, guess)
     matching = [tree for names, tree in examples if target in names.split(", ")]
     first = parse((matching or [tree for _, tree in examples])[0])
     sizes = _LIMITS.search(system)
@@ -149,18 +148,16 @@ def _edits(system: str, user: str, rng: np.random.Generator) -> dict[str, Any]:
 
 
 def _target(
-    state: Mapping[str, Any], named: Sequence[str], user: str, rng: np.random.Generator, guess: bool
+    state: Mapping[str, Any], named: Sequence[str], rng: np.random.Generator, guess: bool
 ) -> str:
-    """The rarest behaviour, or another one if trees for it have died out MAX_EXTINCT times."""
-    rarest: list[str] = state["behaviours"]["lacking"]
+    """The rarest behaviour, unless none is rare."""
+    rarest: list[str] = state["rarest_behaviours"]
     if guess:
         targets = [*rarest, *(t for names in named for t in names.split(", ") if t)]
         return targets[rng.integers(len(targets))]
-    rare_below = 0.1 * state["parameters"]["population"]
-    missing = [name for name in rarest if state["doing"][name] < rare_below]
-    died = _FATE.findall(user)
-    alive = [name for name in missing if died.count(name) < MAX_EXTINCT]
-    return (alive or missing or ["integration"])[0]
+    rare_below = 0.1 * state["population"]
+    missing = [name for name in rarest if state["behaviour_counts"][name] < rare_below]
+    return (missing or ["integration"])[0]
 
 
 def _grafted(example: Node, traced: str, limits: Limits) -> Node:

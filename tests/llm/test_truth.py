@@ -235,11 +235,11 @@ def test_sentences_follow_the_configuration(part: str, override: str, sentence: 
 def test_prompts_have_factors_if_the_curriculum_has_some() -> None:
     """Without any neither the fields nor the curriculum are mentioned."""
     run_context = context()
-    assert "next_multipliers" in system("rate", run_context)
+    assert "multipliers" in system("rate", run_context)
     stage = run_context.curriculum.stages[0].model_copy(update={"multipliers": {}})
     flat = run_context.curriculum.model_copy(update={"stages": (stage,)})
     without = replace(run_context, curriculum=flat)
-    assert "next_multipliers" not in system("rate", without)
+    assert "multipliers" not in system("rate", without)
     assert fixed_values(without, without.library())["curriculum"] == ""
 
 

@@ -213,8 +213,8 @@ def test_a_replay_of_something_else_shows_the_difference(tmp_path: Path) -> None
         replayed(tmp_path / "live", tmp_path / "again", "gp.generations=3", seed=4)
     text = str(excinfo.value)
     assert "rate after generation 0" in text
-    assert '- "fitness": ' in text
-    assert '+ "fitness": ' in text
+    assert '- "fitness_max": ' in text
+    assert '+ "fitness_max": ' in text
 
 
 def test_a_replay_that_goes_further_than_its_record_is_refused(tmp_path: Path) -> None:

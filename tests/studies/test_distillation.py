@@ -27,7 +27,6 @@ from studies.distillation.policy import (
 from tests.llm.samples import context, state
 from tests.studies.configured import CONF, studied
 
-CRISIS = context().crisis
 SMALL = ("gp.population=8", "gp.generations=8", "world.episode.length=20", "evaluator=serial")
 
 
@@ -94,9 +93,9 @@ def test_too_few_runs_are_report_lines() -> None:
 
 def test_features_are_numbers_of_the_state() -> None:
     """Each has the name of a field, and how far a behaviour is ahead of the rarest."""
-    values = features(state(), CRISIS)
-    assert values["fitness.best"] == 4000
-    assert values["milestones.complete_seen"] == 0
+    values = features(state())
+    assert values["fitness_max"] == 4000
+    assert values["milestones_reached.complete"] == 0
     assert (values["ahead.pickup"], values["ahead.charging"]) == (14, 0)
     assert all(isinstance(value, float) for value in values.values())
 
@@ -157,7 +156,7 @@ def test_advice_follows_the_policy() -> None:
     )
     settings = studied("supervisor=distilled").supervisor.settings()
     run_context = context()
-    supervisor = Distilled(policy, _expert(settings, run_context), run_context.crisis)
+    supervisor = Distilled(policy, _expert(settings, run_context))
     for at, target in ((state(), "charging"), (state(complete=2), "integration")):
         guidance = supervisor.advise(at, stream(0, Stream.SUPERVISION))
         assert (guidance.mutation_rate, guidance.target, guidance.source) == (
@@ -166,7 +165,7 @@ def test_advice_follows_the_policy() -> None:
             "distilled",
         )
         assert guidance.tree in run_context.library().trees.values()
-    assert decide(rule, features(state(complete=1), CRISIS)) == "integration"
+    assert decide(rule, features(state(complete=1))) == "integration"
 
 
 def _expert(settings: object, run_context: object) -> object:

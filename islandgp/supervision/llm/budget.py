@@ -34,7 +34,7 @@ ANSWER: Final = 300  # assumed tokens of an answer: a paragraph, or a tree of 20
 THOUGHTS: Final = 1_500  # assumed tokens of thinking before an answer
 ADDED: Final = {"rate": 1_600, "tree": 1_900, "edits": 6_000}
 """Characters of a generation in a prompt, by measurement: the state, or the trees to edit."""
-ADDED_INFORMED: Final = {"rate": 3_500, "tree": 7_000, "edits": 0}
+ADDED_INFORMED: Final = {"rate": 2_500, "tree": 4_000, "edits": 0}
 """Characters that informed prompts add to them, by measurement."""
 ADDED_MOST: Final = 40_000  # most characters of a generation in a prompt
 PROBES: Final = 4  # most requests of the probe that are answered

@@ -138,7 +138,7 @@ class Questions:
             evidence=self.evidence,
             traced=self.traced,
         )
-        text = state_text(state, self.context.crisis, self._without)
+        text = state_text(state, self._without)
         return {"generation": state.now.generation, "state": text, **values}
 
     def _grammar(self, part: str, shape: Mapping[str, Any], depth: int) -> str:
