@@ -16,9 +16,10 @@ from PIL import Image  # matplotlib brings it
 ROOT = Path(__file__).resolve().parent.parent
 sys.path.insert(0, str(ROOT))
 
-from islandgp.commands.options import DomainOptions, EpisodeOptions  # noqa: E402 -- from here
-from islandgp.commands.setting import recorded  # noqa: E402
+from islandgp.commands.options import DomainOptions  # noqa: E402 -- from here
+from islandgp.commands.setting import tree_task  # noqa: E402
 from islandgp.viewer.page import page  # noqa: E402
+from islandgp.viewer.recording import record  # noqa: E402
 from tests.viewer.browser import Browser, chromium  # noqa: E402
 
 IMAGES = ROOT / "docs" / "img"
@@ -31,8 +32,9 @@ FRAME_MS, FRAME_WIDTH, COLOURS = 150, 800, 256
 
 def replay_of(file: Path, target: Path, title: str) -> None:
     """Writes the replay page of a tree's episode."""
-    episode = EpisodeOptions(DomainOptions((), None), STAGE + 1, 0)
-    target.write_text(page(recorded(str(file), WORLD, episode), title=title))
+    task = tree_task(str(file), DomainOptions())
+    recording = record(task.tree, task.problem, seed=WORLD, stage=STAGE)
+    target.write_text(page(recording, title=title))
 
 
 def frame(browser: Browser, page_file: Path, second: float) -> Image.Image:

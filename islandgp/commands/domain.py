@@ -14,7 +14,7 @@ import click
 from islandgp.bt.core.parameters import adapter, described, signature
 from islandgp.bt.core.vocabulary import Key
 from islandgp.commands.files import FILE, STDIN, read_tree_text
-from islandgp.commands.options import DomainOptions, with_domain_options, with_timeout_option
+from islandgp.commands.options import DomainOptions, with_domain_options
 from islandgp.commands.setting import configured, default_domain, domain_file, settings_of
 from islandgp.domain import Schema
 
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 @click.option("--json", "as_json", is_flag=True, help="Print the declaration as JSON.")
 @click.option("--yaml", "as_yaml", is_flag=True, help="Print the domain's configuration file.")
 @with_domain_options
-@with_timeout_option
 def domain_command(
     arguments: tuple[str, ...],
     check: bool,
@@ -39,7 +38,6 @@ def domain_command(
     as_json: bool,
     as_yaml: bool,
     options: DomainOptions,
-    timeout: float,
 ) -> None:
     """Show the actions, keys, events and counters of the domain NAME; default: the island.
 
@@ -63,7 +61,7 @@ def domain_command(
         named = (f"domain={name}",) if name else ()
         settings = configured((*named, *options.overrides), options.config_dir)
     if check:
-        sys.exit(_check(settings, files, strict=strict, timeout=timeout))
+        sys.exit(_check(settings, files, strict=strict, timeout=options.timeout))
     schema = settings.make_domain().schema
     if as_json:
         plain = adapter(Schema).dump_python(schema, mode="json", exclude_defaults=True)

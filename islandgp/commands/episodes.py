@@ -28,12 +28,12 @@ from islandgp.commands.files import (
     write_text,
 )
 from islandgp.commands.options import (
-    EpisodeOptions,
+    DomainOptions,
     NumberRange,
     with_episode_options,
     with_output_option,
 )
-from islandgp.commands.setting import recorded, tree_trials
+from islandgp.commands.setting import tree_task
 from islandgp.commands.tables import (
     Column,
     compared_trees,
@@ -68,9 +68,7 @@ with_seed_option = click.option(
 @click.option("--seeds", type=click.IntRange(1, 100_000), default=30, help="Number of worlds.")
 @click.option("--json", "as_json", is_flag=True, help="Print the outcomes as JSON.")
 @with_episode_options
-def play_command(
-    files: tuple[str, ...], seeds: int, as_json: bool, episode: EpisodeOptions
-) -> None:
+def play_command(files: tuple[str, ...], seeds: int, as_json: bool, options: DomainOptions) -> None:
     """Run the tree in each of FILES in the worlds 0, 1, 2, ...
 
     For one tree, the output has the counters of each world, the components of the
@@ -78,15 +76,16 @@ def play_command(
     the same worlds, by the paired differences to the first. Evolution uses other seeds. If the
     configuration perturbs worlds (--set 'perturb=...'), the episodes run in perturbed ones.
     """
-    with tree_trials(files[0], episode, len(files) * seeds) as trials:
-        settings, schema = trials.settings, trials.problem.domain.schema
-        others = [read_tree_text(file).tree(schema.vocabulary) for file in files[1:]]
-        outcomes = trials.outcomes([trials.tree, *others], range(seeds))
+    task = tree_task(files[0], options)
+    settings, schema = task.settings, task.problem.domain.schema
+    trees = [task.tree, *(read_tree_text(file).tree(schema.vocabulary) for file in files[1:])]
+    with task.trials(len(files) * seeds) as trials:
+        outcomes = trials(trees, range(seeds))
     first, reached = outcomes[0], [tiers(each, settings.classes) for each in outcomes[0]]
     rows = [{"fitness": o.fitness, **asdict(o)} for o in first]
     if len(files) > 1:
-        trees = episode_frame(range(len(files)), outcomes, settings.classes, settings.constraints)
-        frame = compared(trees).assign(name=[*map(display_name, files)])
+        table = episode_frame(range(len(files)), outcomes, settings.classes, settings.constraints)
+        frame = compared(table).assign(name=[*map(display_name, files)])
         rows = frame.to_dict("records")
     if as_json:
         click.echo(json.dumps(nan_to_none(rows), indent=2))
@@ -98,7 +97,7 @@ def play_command(
         print_table(console, _summary(first, schema))
         counts = (f"{t} {sum(t in names for names in reached)}" for t in settings.classes.tiers)
         console.print(
-            f"\nStage {trials.stage + 1}. Tiers, of {seeds} world{'s' * (seeds > 1)}:"
+            f"\nStage {task.stage + 1}. Tiers, of {seeds} world{'s' * (seeds > 1)}:"
             f" {', '.join(counts)}"
         )
     else:
@@ -152,7 +151,7 @@ def _summary(outcomes: Sequence[Outcome], schema: Schema) -> list[Column]:
 @click.option("--json", "as_json", is_flag=True, help="Print a row per node as JSON.")
 @with_episode_options
 def explain_command(
-    file: str, worlds: int, seed: int, as_text: bool, as_json: bool, episode: EpisodeOptions
+    file: str, worlds: int, seed: int, as_text: bool, as_json: bool, options: DomainOptions
 ) -> None:
     """Explain the tree in FILE: what each node does over several worlds.
 
@@ -168,17 +167,17 @@ def explain_command(
     from islandgp.bt.export.render import to_rich
 
     seeds = fresh_worlds(seed)(worlds)
-    with tree_trials(file, episode, worlds) as trials:
-        tree = trials.tree
-        usages = usage(trials.problem.run(trials.stage), tree, seeds)
-        usages = with_losses(usages, tree, trials.outcomes, seeds)
+    task = tree_task(file, options)
+    tree = task.tree
+    with task.trials(worlds) as trials:
+        usages = with_losses(usage(task.problem.run(task.stage), tree, seeds), tree, trials, seeds)
     if as_json:
         click.echo(json.dumps(nan_to_none([asdict(u) for u in usages]), indent=2))
     elif as_text:
         click.echo(with_subtrees(explained(tree, usages)), nl=False)
     else:
         notes = [Text(with_counts(u), "dim" if u.worlds else "bold red") for u in usages]
-        schema = trials.problem.domain.schema
+        schema = task.problem.domain.schema
         shown = spelled_out(tree, lambda name: schema.vocabulary.action(name).arguments)
         standard_output().print(to_rich(shown, notes))
         run, actions = RunFolder(Path(file).parent), actions_in(tree)
@@ -209,7 +208,7 @@ def prune_command(
     tolerance: float | None,
     episodes: int,
     seed: int,
-    episode: EpisodeOptions,
+    options: DomainOptions,
 ) -> None:
     """Shorten the tree in FILE as far as its fitness allows.
 
@@ -219,21 +218,22 @@ def prune_command(
     is reported on the standard error. `simplify` makes only changes that cannot be noticed.
     """
     check_other_file(file, output)
-    with tree_trials(file, episode, episodes) as trials:
-        settings, vocabulary = trials.settings, trials.problem.domain.schema.vocabulary
-        limit = settings.prune.tolerance if tolerance is None else tolerance
+    task = tree_task(file, options)
+    settings, vocabulary = task.settings, task.problem.domain.schema.vocabulary
+    limit = settings.prune.tolerance if tolerance is None else tolerance
+    with task.trials(episodes) as trials:
         result = prune(
-            trials.tree,
+            task.tree,
             vocabulary,
-            trials.outcomes,
-            trials.problem.run(trials.stage),
+            trials,
+            task.problem.run(task.stage),
             fresh_worlds(seed),
             Keep(limit, settings.classes, settings.constraints),
             episodes=episodes,
             most_worlds=settings.prune.worlds,
         )
-    best = with_names(result.best, vocabulary, [trials.tree])
-    write_text(output, in_its_domain(domain_of(trials.source.text), with_subtrees(best)))
+    best = with_names(result.best, vocabulary, [task.tree])
+    write_text(output, in_its_domain(domain_of(task.source.text), with_subtrees(best)))
     _report(result)
 
 
@@ -271,16 +271,19 @@ def _report(result: PruneResult) -> None:
 @with_seed_option
 @click.option("-o", "--output", type=OUTPUT, default="replay.html")
 @with_episode_options
-def replay_command(file: str, seed: int, output: str, episode: EpisodeOptions) -> None:
+def replay_command(file: str, seed: int, output: str, options: DomainOptions) -> None:
     """Run the tree in FILE in one world, and write a page that shows it.
 
     The page is self-contained: open it in a browser, send it by mail, or view it
     as an artifact in MLflow.
     """
     from islandgp.viewer.page import page
+    from islandgp.viewer.recording import record
 
     check_other_file(file, output)
-    text = page(recorded(file, seed, episode), title=Path(display_name(file)).stem)
+    task = tree_task(file, options, unread="evaluator")
+    recording = record(task.tree, task.problem, seed=seed, stage=task.stage, limit=task.timeout)
+    text = page(recording, title=Path(display_name(file)).stem)
     write_text(output, text)
     if output != STDIN:
         click.echo(f"{output}: {len(text.encode()) / 1000:.0f} kB", err=True)

@@ -22,20 +22,14 @@ TIMEOUT: Final = 30.0  # s
 
 @dataclass(frozen=True, slots=True)
 class DomainOptions:
-    """The options of a command that choose the domain."""
+    """The options of a command that choose a domain, and how episodes run in it."""
 
-    overrides: tuple[str, ...]
-    config_dir: Path | None
+    overrides: tuple[str, ...] = ()
+    config_dir: Path | None = None
     declaration: str | None = None  # a file that declares the vocabulary instead
-
-
-@dataclass(frozen=True, slots=True)
-class EpisodeOptions:
-    """The options of a command that runs episodes."""
-
-    options: DomainOptions
-    stage: int | None  # from 1; None: the last
-    timeout: float  # s of an episode; 0: none
+    run: Path | None = None  # a run's folder, whose settings are used
+    stage: int | None = None  # from 1; None: the last
+    timeout: float = TIMEOUT  # s of an episode; 0: none
 
 
 class NumberRange(click.FloatRange):
@@ -97,17 +91,25 @@ VOCABULARY: Final = click.option(
     help="Vocabulary of a robot that is not configured here: JSON of `islandgp domain --json`,"
     " or BehaviorTree.CPP XML with a TreeNodesModel.",
 )
-with_stage_option = click.option(
-    "--stage",
-    type=click.IntRange(1),
-    help="Stage of the curriculum (Table 2 of the paper) that scores the episode, from 1; default:"
-    " the last.",
-)
-with_timeout_option = click.option(
+TIMEOUT_OPTION: Final = click.option(
     "--timeout",
     type=NumberRange(min=0),
     default=TIMEOUT,
     help="Time limit of an episode in seconds; 0: none.",
+)
+EPISODES: Final = (
+    TIMEOUT_OPTION,
+    click.option(
+        "--stage",
+        type=click.IntRange(1),
+        help="Stage of the curriculum (Table 2 of the paper) that scores the episode, from 1;"
+        " default: the last.",
+    ),
+    click.option(
+        "--run",
+        type=click.Path(exists=True, file_okay=False, path_type=Path),
+        help="Folder of a run whose world and settings are used; default: the one of the tree.",
+    ),
 )
 
 with_workers_option = click.option(
@@ -117,16 +119,12 @@ with_output_option = click.option(
     "-o", "--output", type=OUTPUT, default=STDIN, help="File to write; -: the standard output."
 )
 
-with_domain_options = grouped("options", DomainOptions, *DOMAIN)
-"""Adds --set and --config-dir."""
+with_domain_options = grouped("options", DomainOptions, TIMEOUT_OPTION, *DOMAIN)
+"""Adds --set, --config-dir and --timeout."""
 with_vocabulary_options = grouped("options", DomainOptions, VOCABULARY, *DOMAIN)
 """Adds --set, --config-dir and --vocabulary."""
-
-
-def with_episode_options(command: Command) -> Command:
-    """Adds --set, --config-dir, --stage and --timeout, as the argument `episode`."""
-    episode = grouped("episode", EpisodeOptions, with_timeout_option, with_stage_option)
-    return with_domain_options(episode(command))
+with_episode_options = grouped("options", DomainOptions, *EPISODES, *DOMAIN)
+"""Adds --set, --config-dir, --run, --stage and --timeout."""
 
 
 def with_config_dir_option(command: Command) -> Command:

@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator, Sequence
-from contextlib import closing, contextmanager, suppress
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -14,23 +14,25 @@ from islandgp.bt.core.language import domain_of, domain_place
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.source import Source, plain, shown
 from islandgp.commands.files import TreeText, read_text, read_tree_text
-from islandgp.commands.options import DomainOptions, EpisodeOptions
+from islandgp.commands.options import DomainOptions
 from islandgp.domain import Outcome
-from islandgp.errors import ConfigError, EvaluationError, IslandError, OtherDomainError
-from islandgp.installed import domain_class, domain_files
+from islandgp.errors import ConfigError, EvaluationError, OtherDomainError, RunError
+from islandgp.gate import must_be_known_code, user_folder
+from islandgp.installed import domain_files
+from islandgp.records.folder import RunFolder
 from islandgp.resources import resource
 
 if TYPE_CHECKING:
-    from rich.progress import Progress
-
-    from islandgp.bt.core.node import Node
     from islandgp.bt.core.vocabulary import Vocabulary
+    from islandgp.config.compose import Planned
     from islandgp.config.settings import Settings
     from islandgp.evaluation.base import Evaluator, Problem
-    from islandgp.viewer.recording import Recording
 
-_QUICK: Final = {"tracking": "off", "supervisor": "baseline"}
+QUICK: Final = ("tracking=off", "supervisor=baseline")
 """Components that no episode needs, replaced by those that are fast to load."""
+
+UNUSED: Final = ("tracking", "supervisor", "evaluator", "search")
+"""Groups of a run on which its episodes do not depend: those of the configuration are used."""
 
 _CHOOSES: Final = frozenset({"domain", "experiment", "domain.factory"})
 """Keys of the configuration that choose the domain."""
@@ -38,20 +40,40 @@ _CHOOSES: Final = frozenset({"domain", "experiment", "domain.factory"})
 
 def configured(overrides: Sequence[str], config_dir: str | Path | None = None) -> Settings:
     """The settings of a run with these overrides. Raises ConfigError."""
+    return _job(tuple(overrides), config_dir).settings
+
+
+@cache
+def _job(overrides: tuple[str, ...], config_dir: str | Path | None) -> Planned:
     from islandgp.config.compose import only_job
 
     keys = _keys_of(overrides)
-    quick = [f"{group}={part}" for group, part in _QUICK.items() if group not in keys]
-    return only_job([*quick, *overrides], config_dir).settings
+    quick = [word for word in QUICK if word.partition("=")[0] not in keys]
+    return only_job([*quick, *overrides], config_dir)
 
 
 def settings_of(source: TreeText, options: DomainOptions) -> Settings:
-    """The settings of the domain chosen by the options or the text.
+    """The settings for a tree: those of a run, or of the domain that options or text choose.
+
+    The run is that of --run, or the one in whose folder the tree is; --set changes its settings.
 
     Raises:
         ConfigError, DomainError: the configuration is invalid, or has no domain of this name.
+        RunError: the run is damaged, or names code that the user's configuration does not name.
     """
-    return configured(_for_tree(source, options), options.config_dir)
+    run = options.run or source.folder or Path()
+    if options.run is None and (source.folder is None or not (run / "about.json").is_file()):
+        return configured(_for_tree(source, options), options.config_dir)
+    from islandgp.config.compose import recorded_settings
+
+    ours, config = _job((), options.config_dir).config, RunFolder(run).configuration()
+    if not config:
+        raise RunError(f"Expected a run in {run}, found none; give a run's own folder.")
+    config |= {group: ours[group] for group in UNUSED}
+    with user_folder(options.config_dir):
+        must_be_known_code([group for group in config.values() if isinstance(group, dict)])
+    _keys_of(options.overrides)  # each must have a value
+    return recorded_settings(config, options.overrides)
 
 
 def read_in_domain(
@@ -84,7 +106,16 @@ def vocabulary_of(
 
         text, name, folder = source
         return declared(read_text(file), text, name=file, tree_name=name, folder=folder)
-    return _vocabulary(_for_tree(source, options), options.config_dir, in_world)
+    from islandgp.evaluation.perturbation import staged
+
+    settings = settings_of(source, options)
+    domain = settings.make_domain()
+    words_in = getattr(domain, "vocabulary_in", None) if in_world else None
+    if words_in is None:
+        return domain.schema.vocabulary
+    stages = settings.curriculum.stages
+    vocabulary: Vocabulary = words_in([staged(settings.world, stage.world) for stage in stages])
+    return vocabulary
 
 
 def _for_tree(source: TreeText, options: DomainOptions) -> tuple[str, ...]:
@@ -147,134 +178,90 @@ def _keys_of(overrides: Sequence[str]) -> set[str]:
     return {override.lstrip("+").partition("=")[0] for override in overrides}
 
 
-@cache
-def _vocabulary(
-    overrides: tuple[str, ...], config_dir: str | Path | None, in_world: bool
-) -> Vocabulary:
-    if _keys_of(overrides) <= {"domain"}:
-        name = overrides[-1].partition("=")[2] if overrides else default_domain()
-        # Composing the whole configuration reports errors of the class or its file better.
-        with suppress(Exception):
-            kind = domain_class(name, config_dir)
-            declared: Vocabulary = kind.schema.vocabulary
-            if not in_world or not hasattr(kind, "vocabulary_in"):
-                return declared
-            with suppress(IslandError):  # errors of a world do not matter for a tree's text
-                return _configured_vocabulary(overrides, config_dir, in_world)
-            return declared
-    return _configured_vocabulary(overrides, config_dir, in_world)
+TIME_LIMIT: Final = r"evaluator\b.*\bepisode_timeout\b"  # of a run; of commands, --timeout
 
+CHUNK: Final = 16  # worlds between two steps of the progress bar
 
-def _configured_vocabulary(
-    overrides: Sequence[str], config_dir: str | Path | None, in_world: bool
-) -> Vocabulary:
-    """The vocabulary of a composed configuration's domain, as for `vocabulary_of`."""
-    from islandgp.evaluation.perturbation import staged
-
-    settings = configured(overrides, config_dir)
-    domain = settings.make_domain()
-    words_in = getattr(domain, "vocabulary_in", None) if in_world else None
-    if words_in is None:
-        return domain.schema.vocabulary
-    stages = settings.curriculum.stages
-    vocabulary: Vocabulary = words_in([staged(settings.world, stage.world) for stage in stages])
-    return vocabulary
-
-
-CHUNK = 16  # worlds between two steps of the progress bar
+Trials = Callable[[Sequence[str | Node], Sequence[int]], list[list[Outcome]]]
+"""A function that returns the outcomes of each tree in each world."""
 
 
 @dataclass(frozen=True, slots=True)
-class TreeTrials:
-    """A tree of a file, and episodes in its domain."""
+class TreeTask:
+    """A tree of a file, with the settings and the problem for its episodes."""
 
     source: TreeText
-    tree: Node
+    tree: Node  # marked
     settings: Settings
     problem: Problem
     stage: int  # of the curriculum, from 0
-    _evaluator: Evaluator
-    _bar: Progress
+    timeout: float  # s of an episode; 0: none
 
-    def outcomes(self, trees: Sequence[str | Node], worlds: Sequence[int]) -> list[list[Outcome]]:
-        """The outcomes of each tree in each world."""
+    @contextmanager
+    def trials(self, episodes: int) -> Iterator[Trials]:
+        """A context with `Trials` for about so many episodes, with a progress bar on a terminal.
+
+        If the configuration perturbs worlds, episodes run in perturbed ones.
+        """
+        from rich.console import Console
+        from rich.progress import Progress
+
         from islandgp.evaluation.base import TREE_INTRODUCTION, evaluated
+        from islandgp.evaluation.serial import Serial
+        from islandgp.running.parts import make_evaluator
 
-        by_tree: list[list[Outcome]] = [[] for _ in trees]
-        for start in range(0, len(worlds), CHUNK):
-            chunk = worlds[start : start + CHUNK]
-            try:
-                results = evaluated(self._evaluator, trees, self.stage, chunk)
-            except EvaluationError as error:  # the tree is that of the file
-                raise EvaluationError(str(error).partition(TREE_INTRODUCTION)[0]) from error
-            for known, new in zip(by_tree, results, strict=True):
-                known += new
-            self._bar.advance(self._bar.task_ids[0], len(trees) * len(chunk))
-        return by_tree
+        perturbed, evaluator = self.settings.perturb is not None, self.settings.evaluator
+        made: Evaluator
+        if episodes < 12:  # faster than starting processes
+            problem = self.settings.problem(perturbed=perturbed)
+            made = Serial(problem, episode_timeout=self.timeout)
+        else:
+            policy = {**evaluator.policy, "episode_timeout": self.timeout}
+            changed = {"evaluator": evaluator.model_copy(update={"policy": policy})}
+            made = make_evaluator(self.settings.model_copy(update=changed), perturbed=perturbed)
+        console = Console(stderr=True)
+        bar = Progress(console=console, disable=not console.is_terminal, transient=True)
+        task = bar.add_task("episodes", total=episodes)
+
+        def outcomes(trees: Sequence[str | Node], worlds: Sequence[int]) -> list[list[Outcome]]:
+            by_tree: list[list[Outcome]] = [[] for _ in trees]
+            for start in range(0, len(worlds), CHUNK):
+                chunk = worlds[start : start + CHUNK]
+                try:
+                    results = evaluated(made, trees, self.stage, chunk)
+                except EvaluationError as error:  # the tree is that of the file
+                    raise EvaluationError(str(error).partition(TREE_INTRODUCTION)[0]) from error
+                for known, new in zip(by_tree, results, strict=True):
+                    known += new
+                bar.advance(task, len(trees) * len(chunk))
+            return by_tree
+
+        with closing(made), bar:
+            yield outcomes
 
 
-def _prepared(file: str, episode: EpisodeOptions) -> tuple[TreeText, Node, Settings, Problem, int]:
-    """The text of a file, its marked tree, the settings of its domain, its problem and the stage.
+def tree_task(file: str, options: DomainOptions, unread: str = TIME_LIMIT) -> TreeTask:
+    """The tree in a file, ready for episodes.
+
+    `unread`: matches the keys of the configuration that the command does not read.
 
     Raises:
         ConfigError, DomainError: the configuration is invalid, or the tree is for another domain.
+        RunError: as `settings_of`.
         TreeError: the file is not a tree of the domain.
     """
     source = read_tree_text(file)
-    for override in episode.options.overrides:
-        if re.match(r"\+*evaluator\b.*\bepisode_timeout\b", override):
+    for override in options.overrides:
+        if re.match(unread, override.lstrip("+")):
             raise ConfigError(
-                f"--set {override}: expected --timeout SECONDS in its place, found no effect"
+                f"--set {override}: expected a key that this command reads, found one without"
+                " effect; leave it out. --timeout SECONDS limits an episode."
             )
-    settings = settings_of(source, episode.options)
+    settings = settings_of(source, options)
     problem = settings.problem()
     stages = len(settings.curriculum.stages)
-    if episode.stage is not None and episode.stage > stages:
-        raise ConfigError(f"--stage: expected 1 to {stages}, found {episode.stage}")
+    if options.stage is not None and options.stage > stages:
+        raise ConfigError(f"--stage: expected 1 to {stages}, found {options.stage}")
     tree = source.tree(problem.domain.schema.vocabulary, marked=True)
-    return source, tree, settings, problem, (episode.stage or stages) - 1
-
-
-def recorded(file: str, seed: int, episode: EpisodeOptions) -> Recording:
-    """The recording of an episode of the tree in a file, in the world of `seed`.
-
-    Raises:
-        IslandError: as `tree_trials` and `viewer.recording.record`.
-    """
-    from islandgp.viewer.recording import record
-
-    _, tree, _, problem, stage = _prepared(file, episode)
-    return record(tree, problem, seed=seed, stage=stage, limit=episode.timeout)
-
-
-@contextmanager
-def tree_trials(file: str, episode: EpisodeOptions, episodes: int) -> Iterator[TreeTrials]:
-    """The tree in a file, ready for about so many episodes, with a progress bar on a terminal.
-
-    If the configuration perturbs worlds, episodes run in perturbed ones.
-
-    Raises:
-        ConfigError, DomainError: the configuration is invalid, or the tree is for another domain.
-        TreeError: the file is not a tree of the domain.
-    """
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn
-
-    from islandgp.evaluation.serial import Serial
-    from islandgp.running.parts import make_evaluator
-
-    source, tree, settings, problem, stage = _prepared(file, episode)
-    perturbed, evaluator = settings.perturb is not None, settings.evaluator
-    made: Evaluator
-    if episodes < 12:  # faster than starting processes
-        made = Serial(settings.problem(perturbed=perturbed), episode_timeout=episode.timeout)
-    else:
-        policy = {**evaluator.policy, "episode_timeout": episode.timeout}
-        changed = {"evaluator": evaluator.model_copy(update={"policy": policy})}
-        made = make_evaluator(settings.model_copy(update=changed), perturbed=perturbed)
-    console = Console(stderr=True)
-    columns = (BarColumn(20), MofNCompleteColumn(), TextColumn("episodes"))
-    bar = Progress(*columns, console=console, disable=not console.is_terminal, transient=True)
-    with closing(made), bar:
-        bar.add_task("", total=episodes)
-        yield TreeTrials(source, tree, settings, problem, stage, made, bar)
+    stage = (options.stage or stages) - 1
+    return TreeTask(source, tree, settings, problem, stage, options.timeout)

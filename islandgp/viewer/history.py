@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from array import array
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import lru_cache
-from itertools import accumulate, pairwise
+from itertools import accumulate, groupby, pairwise
 from math import fsum
 from operator import itemgetter
 from statistics import fmean
@@ -16,7 +15,6 @@ from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import Node, size
 from islandgp.bt.export.render import label
 from islandgp.domain import RewardTable
-from islandgp.gate import opened
 from islandgp.records.files import generation_lines
 from islandgp.records.folder import RunFolder
 from islandgp.scoring.classes import Classes
@@ -174,7 +172,6 @@ def thinned(history: RunRecords, points: int = POINTS) -> dict[str, Any]:
     }
 
 
-MAX_INDIVIDUALS: Final = 5_000  # most individuals of a chain that are read
 MAX_NODES: Final = 300  # most nodes of trees that are compared
 MAX_CHANGES: Final = 40  # most changed nodes of a step that are listed
 
@@ -194,56 +191,48 @@ class LineageStep:
     guidance: Mapping[str, Any] | None  # with the tree, if a supervisor injected or edited it
 
 
-@dataclass(frozen=True, slots=True)
-class Lineage:
-    """A chain of ancestors, oldest first."""
+def lineage(folder: RunFolder, name: str) -> list[LineageStep]:
+    """The ancestors of the individual with this id, including itself, the oldest first.
 
-    steps: tuple[LineageStep, ...]
-    is_complete: bool  # True: it begins with an individual without parents
-
-
-def lineage(folder: RunFolder, name: str) -> Lineage:
-    """The ancestors of the individual with this id, including itself.
-
-    Raises RunError if a record is damaged.
+    Each is the first parent of the next one. Raises RunError if a record is damaged.
     """
-    reader = _Reader(folder)
+    lines = generation_lines(folder.path)
+    whole = [*lines.whole()]
+
+    @lru_cache(maxsize=4)
+    def record(generation: int) -> dict[str, Any]:
+        return lines.value(whole[generation], generation)
+
+    def individual(name: str, end: int) -> dict[str, Any] | None:
+        """The individual with this id if the generations before `end` have it."""
+        if not name.partition(".")[0].isdecimal() or _generation(name) >= end:
+            return None
+        everyone = record(_generation(name))["individuals"]
+        return next((i for i in everyone if i["id"] == name), None)
+
+    chain: list[dict[str, Any]] = []  # the newest first
+    ancestor = individual(name, len(whole))
+    while ancestor is not None:
+        chain.append(ancestor)
+        parents = ancestor["parents"]
+        ancestor = individual(parents[0], _generation(ancestor["id"])) if parents else None
     steps: list[LineageStep] = []
-    same: list[dict[str, Any]] = []  # individuals with one tree, the newest first
-    ancestor = reader.individual(name)
-    for _ in range(MAX_INDIVIDUALS):
-        if ancestor is None:
-            break
-        same.append(ancestor)
-        parent = reader.parent(ancestor)
-        if parent is None or parent["tree"] != ancestor["tree"]:
-            steps.append(_step(reader, same, parent))
-            same = []
-        ancestor = parent
-    if same:  # the chain is longer than MAX_INDIVIDUALS
-        steps.append(_step(reader, same, None))
-    is_complete = bool(steps) and not steps[-1].first["parents"]
-    return Lineage(tuple(reversed(steps)), is_complete)
-
-
-def _step(
-    reader: _Reader, same: list[dict[str, Any]], parent: dict[str, Any] | None
-) -> LineageStep:
-    """The step of the individuals `same`, the newest first, whose first parent is `parent`."""
-    first, generation = same[-1], _generation(same[-1]["id"])
-    changes = () if parent is None else tree_changes(parent["tree"], first["tree"])
-    guidance = None
-    if first["origin"] in ("injected", "edited") and generation:
-        guidance = (reader.record(generation - 1) or {}).get("guidance")
-    return LineageStep(
-        first=first,
-        last=same[0]["id"],
-        fitness=fmean(i["fitness"] for i in same),
-        evaluated=len(same),
-        changes=None if changes is None else changes[:MAX_CHANGES],
-        left_out=max(0, len(changes or ()) - MAX_CHANGES),
-        guidance=guidance,
-    )
+    for tree, same in groupby(reversed(chain), itemgetter("tree")):
+        first, *others = same
+        changes = tree_changes(steps[-1].first["tree"], tree) if steps else ()
+        generation = _generation(first["id"])
+        is_supervised = first["origin"] in ("injected", "edited") and generation
+        step = LineageStep(
+            first=first,
+            last=[first, *others][-1]["id"],
+            fitness=fmean(i["fitness"] for i in (first, *others)),
+            evaluated=1 + len(others),
+            changes=None if changes is None else changes[:MAX_CHANGES],
+            left_out=max(0, len(changes or ()) - MAX_CHANGES),
+            guidance=record(generation - 1)["guidance"] if is_supervised else None,
+        )
+        steps.append(step)
+    return steps
 
 
 @lru_cache(maxsize=8)  # an ancestor is compared with its parent, and its child with it
@@ -264,38 +253,6 @@ def tree_changes(old: str, new: str) -> tuple[str, ...] | None:
         for line in compare(_tree(old), _tree(new))
         if line.mark is not Mark.SAME
     )
-
-
-class _Reader:
-    """Reads single generations of a long file."""
-
-    def __init__(self, folder: RunFolder) -> None:
-        self._lines = generation_lines(folder.path)
-        self._offsets = array("Q", accumulate(map(len, self._lines.whole()), initial=0))
-        """Of each generation's record, and of the end of the last one."""
-        self.record = lru_cache(maxsize=4)(self._record)
-
-    def _record(self, generation: int) -> dict[str, Any] | None:
-        """A generation's record; None if there is none."""
-        if not 0 <= generation < len(self._offsets) - 1:
-            return None
-        with opened(self._lines.path) as file:
-            file.seek(self._offsets[generation])
-            return self._lines.value(file.readline(), generation)
-
-    def individual(self, name: str) -> dict[str, Any] | None:
-        """The individual with this id; None if the records have none."""
-        generation = name.partition(".")[0]
-        record = self.record(int(generation)) if generation.isdecimal() else None
-        return next((i for i in (record or {}).get("individuals", ()) if i["id"] == name), None)
-
-    def parent(self, child: Mapping[str, Any]) -> dict[str, Any] | None:
-        """The first parent of an individual; None if it has none in an earlier generation."""
-        for name in child["parents"][:1]:
-            ancestor = self.individual(name)
-            if ancestor is not None and _generation(ancestor["id"]) < _generation(child["id"]):
-                return ancestor
-        return None
 
 
 def _generation(name: str) -> int:

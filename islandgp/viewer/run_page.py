@@ -6,6 +6,7 @@ seconds.
 
 from __future__ import annotations
 
+import re
 import shlex
 import sys
 from collections.abc import Callable, Iterator, Mapping
@@ -29,7 +30,6 @@ from islandgp.records.archive_file import best_first
 from islandgp.records.checkpoint import read_checkpoint
 from islandgp.records.files import PAGE, RunMetadata
 from islandgp.records.folder import RunFolder, Status
-from islandgp.records.parameters import HIDDEN
 from islandgp.records.values import sentences
 from islandgp.resources import program
 from islandgp.scoring.classes import Classes
@@ -41,12 +41,6 @@ from islandgp.viewer.recording import record
 
 RELOAD: Final = 5  # s between two reloads of an active run's page
 REPLAY_BYTES: Final = 700_000  # largest replay that is embedded in the page
-
-
-WORLD_GROUPS: Final = frozenset(
-    {"domain", "world", "rewards", "curriculum", "classes", "experiment", "search"}
-)
-"""Groups of the configuration on which an episode may depend."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -146,30 +140,20 @@ def archive_map(view: RunView) -> dict[str, Any] | None:
         "axes": [{"name": name, "edges": edges} for name, edges in axes.items()],
         "floor": settings.floor,
         "domain": view.about.tags.get("domain", ""),
-        "command": " ".join([shlex.quote(program()), "replay", "-"]),
-        "flags": _world_flags(view),
+        "command": _replay_command(view, "- --run {}"),
         "file": ARCHIVE,
         "readable": cells is not None,
         "elites": entries,
     }
 
 
-def _world_flags(view: RunView) -> str:
-    """The command-line options for this run's world."""
-    try:
-        arguments = shlex.split(view.about.command)
-    except ValueError:  # the quotes of a damaged file
-        arguments = []
-    flags: list[str] = []
-    for k, word in enumerate(arguments):
-        group = word.lstrip("+~").partition("=")[0].partition(".")[0].partition("/")[0]
-        if word == "--config-dir":
-            flags += arguments[k : k + 2]
-        elif word.startswith("--config-dir="):
-            flags.append(word)
-        elif "=" in word and group in WORLD_GROUPS and HIDDEN not in word:
-            flags += ["--set", word]
-    return shlex.join(flags)
+def _replay_command(view: RunView, words: str) -> str:
+    """The command that replays a tree in the run's worlds; `words` has {} for the run's folder."""
+    folder, home = view.folder.path, Path(view.about.home)
+    run = shlex.quote(str(folder.relative_to(home) if folder.is_relative_to(home) else folder))
+    own = re.search(r"--config-dir[= ]('[^']*'|\S+)", view.about.command)
+    command = f"{shlex.quote(program())} replay {words.format(run)}"
+    return f"{command} --config-dir {own[1]}" if own else command
 
 
 def _elites(view: RunView) -> tuple[Elite, ...] | None:
@@ -189,9 +173,6 @@ def _best(view: RunView, best: Mapping[str, Any]) -> dict[str, Any]:
     """The values of the template on the best robot, with its tree and lineage."""
     champion = {} if view.summary is None else view.summary["champion"]
     tree, usage = parse(best["tree"]), champion.get("usage", ())
-    path, home = view.folder.path / "best.bt", Path(view.about.home)
-    file = shlex.quote(str(path.relative_to(home) if path.is_relative_to(home) else path))
-    flags = f" {flags}" if (flags := _world_flags(view)) else ""
     seed, stage = first_episode(view.folder, best["id"])
     parts = sorted(best["components"].items(), key=lambda part: -abs(part[1]))
     points = [(name, in_points(value, "+")) for name, value in parts if value]
@@ -201,7 +182,7 @@ def _best(view: RunView, best: Mapping[str, Any]) -> dict[str, Any]:
         "tree": _branch(tree, iter(usage if len(usage) == size(tree) else ())),
         "most_loss": max((abs(u["loss"]["mean"]) for u in usage if u["loss"]), default=0) or 1,
         "text": champion.get("text", best["tree"]),
-        "command": f"{program()} replay {file} --seed {seed} --stage {stage + 1}{flags}",
+        "command": _replay_command(view, f"{{}} --seed {seed} --stage {stage + 1}"),
         "points": [*points, ("fitness", in_points(best["fitness"]))],
         "lineage": lineage(view.folder, best["id"]),
     }

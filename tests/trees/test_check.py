@@ -343,28 +343,24 @@ def test_where_the_robot_cannot_charge_follows_the_world(
     ) == warned
 
 
-DOMAIN = """\
-# @package _global_
-defaults: [island]
-domain: {factory: "tests.trees.other:Other"}
-"""
-
-
-def test_the_vocabulary_of_the_domain_that_the_file_names(islandgp: Cli, tmp_path: Path) -> None:
+def test_the_vocabulary_of_the_domain_that_the_file_names(
+    islandgp: Cli, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """`domain NAME` in a file chooses the vocabulary, also among files of several domains."""
-    (tmp_path / "domain").mkdir()
-    (tmp_path / "domain" / "other.yaml").write_text(DOMAIN)
+    home = ROOT / "examples/pick_place"
+    monkeypatch.syspath_prepend(home)
     other, ours = tmp_path / "other.bt", tmp_path / "ours.bt"
-    other.write_text("domain other\nselector { when tired { Rest } Work }\n")
+    other.write_text("domain pick_place\nselector { when not localised { Localise } Tuck }\n")
     ours.write_text("PatrolWaypoint\n")
-    result = islandgp("check", "--config-dir", tmp_path, other, ours)
+    result = islandgp("check", "--config-dir", home / "conf", other, ours)
     assert (result.code, result.err) == (0, "")
     assert "4 nodes" in result.out
-    ours.write_text("Work\n")
-    result = islandgp("check", "--config-dir", tmp_path, ours)
+    ours.write_text("Tuck\n")
+    result = islandgp("check", "--config-dir", home / "conf", ours)
     assert result.code == 1
-    assert "Work" in result.out
-    assert islandgp("check", "--config-dir", tmp_path, "--set", "domain=other", ours).code == 0
+    assert "Tuck" in result.out
+    chosen = ("--config-dir", home / "conf", "--set", "domain=pick_place")
+    assert islandgp("check", *chosen, ours).code == 0
 
 
 @pytest.mark.parametrize(

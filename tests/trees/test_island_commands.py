@@ -4,16 +4,21 @@ from __future__ import annotations
 
 import itertools
 import json
+import shutil
 from math import sqrt
 from pathlib import Path
 from statistics import fmean, stdev
 
 import pytest
+import yaml
 
 from islandgp.bt.core.language import parse, to_text
 from islandgp.commands.tables import GAP, Column, numbers, parts
+from islandgp.records.folder import RunFolder
 from islandgp.resources import resource
+from tests.records.listed import add_to_manifest
 from tests.trees.shell import Cli
+from tests.viewer.runs import closed_run
 
 EXAMPLES = resource("grammar") / "examples"
 GOOD = EXAMPLES / "all_rounder.bt"
@@ -83,11 +88,11 @@ def test_play_at_another_stage(islandgp: Cli) -> None:
         (("--stage", "9"), "--stage: expected 1 to 4, found 9"),
         (
             ("--set", "evaluator.policy.episode_timeout=5"),
-            "--set evaluator.policy.episode_timeout=5: expected --timeout SECONDS in its place",
+            "--set evaluator.policy.episode_timeout=5: expected a key that this command reads",
         ),
         (
             ("--set", "evaluator.policy={workers: 1, episode_timeout: 5}"),
-            "expected --timeout SECONDS in its place, found no effect",
+            "found one without effect; leave it out. --timeout SECONDS limits an episode",
         ),
     ],
 )
@@ -98,6 +103,38 @@ def test_wrong_settings(islandgp: Cli, name: str, arguments: tuple[str, ...], me
     assert result.code == 2
     (line,) = result.err.splitlines()
     assert message in line
+
+
+def test_a_tree_of_a_run_is_played_in_the_runs_own_world(islandgp: Cli, tmp_path: Path) -> None:
+    """As with --run; --set changes its settings, and names of no run and of a class are refused."""
+    run = closed_run(tmp_path / "run").path
+    tree, config = tmp_path / "tree.bt", run / "config.yaml"
+    shutil.copy(run / "best.bt", tree)
+
+    def written(**changes: object) -> None:
+        config.write_text(yaml.safe_dump({**RunFolder(run).configuration(), **changes}))
+        add_to_manifest(run, "config.yaml")
+
+    def rows(*arguments: object) -> str:
+        return islandgp("play", *arguments, "--seeds", 1, "--json").out
+
+    world = RunFolder(run).configuration()["world"]
+    world["episode"]["length"] = 20
+    written(world=world)
+    assert rows(run) == rows(tree, "--run", run) == rows(tree, *SHORT)
+    longer = ("--set", "world.episode.length=300")
+    assert rows(run, *longer) == rows(tree, *longer) != rows(run)
+    refused = islandgp("play", tree, "--run", tmp_path)
+    assert (refused.code, "found none; give a run's own folder" in refused.err) == (2, True)
+    written(domain={"factory": "strange:Island"})
+    stranger = islandgp("play", run)
+    assert (stranger.code, "which only the run names" in stranger.err) == (2, True)
+
+
+def test_replay_refuses_settings_without_effect(islandgp: Cli) -> None:
+    """Its one episode needs no evaluator."""
+    result = islandgp("replay", GOOD, "--set", "evaluator.policy.workers=2")
+    assert (result.code, "found one without effect" in result.err) == (2, True)
 
 
 def test_wrong_tree(islandgp: Cli) -> None:

@@ -163,7 +163,7 @@ def test_the_map_is_the_archive(finished: RunFolder, page: Parsed) -> None:
     ]
     assert {e["tree"] for e in archive_data["elites"]} == {e.tree for e in archive.elites}
     assert archive_data["domain"] == "island"
-    assert archive_data["flags"] == "--set world=dense", "what an episode depends on, and no more"
+    assert archive_data["command"].endswith(" replay - --run run")
 
 
 def test_the_champion_and_how_it_came_to_be(finished: RunFolder, page: Parsed) -> None:
@@ -173,7 +173,7 @@ def test_the_champion_and_how_it_came_to_be(finished: RunFolder, page: Parsed) -
     rows = [a for _, a in page.elements if (a.get("class") or "").startswith("node ")]
     assert len(rows) == best["nodes"]
     worlds = list(finished.records())[finished.summary()["champion"]["generation"]]["worlds"]
-    assert f"replay run/best.bt --seed {worlds[0]} --stage 1 --set world=dense" in page.text
+    assert f"replay run --seed {worlds[0]} --stage 1" in page.text
     steps = sum(tag == "li" for tag, _ in page.elements) - best["nodes"]
     assert steps >= 1
     assert f"{steps} trees in" in page.text or "in one step" in page.text
@@ -439,7 +439,8 @@ def test_the_command_of_a_cell_plays_its_tree(tab: Browser, tmp_path: Path) -> N
     ).stdout
     tree = tab.run("document.querySelector('#cell pre').textContent")
     assert output == f"cat domain island\n\n{tree}"
-    assert "--set world=dense -o cell.html" in rest
+    assert rest.startswith("--run run --seed ")
+    assert " -o cell.html <<" in rest
 
 
 def test_the_replay_opens_in_the_page(tab: Browser) -> None:

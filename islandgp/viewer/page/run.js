@@ -223,8 +223,8 @@ function showArchive(archive) {
     if (e.tree === null) {
       parts.push(make("p", {class: "soft"}, `Its tree is in ${archive.file}: the page has no room for all of them.`));
     } else {
-      const head = archive.domain ? `domain ${archive.domain}\n\n` : "", flags = archive.flags ? ` ${archive.flags}` : "";
-      const command = `${archive.command} --seed ${e.world} --stage ${e.stage}${flags} -o cell.html <<'TREE'\n${head}${e.tree}TREE`;
+      const head = archive.domain ? `domain ${archive.domain}\n\n` : "";
+      const command = `${archive.command} --seed ${e.world} --stage ${e.stage} -o cell.html <<'TREE'\n${head}${e.tree}TREE`;
       parts.push(make("pre", {tabindex: "0", "aria-label": "Tree of the elite"}, e.tree));
       parts.push(make("p", {class: "command"}, "The command that replays this tree: ", copyButton(command)));
       parts.push(make("details", {}, make("summary", {}, "The command"), make("pre", {tabindex: "0"}, command)));

@@ -10,8 +10,8 @@ import click
 
 from islandgp.bt.core.printer import number_text
 from islandgp.commands.files import FILE, write_text
-from islandgp.commands.options import EpisodeOptions, with_episode_options, with_output_option
-from islandgp.commands.setting import tree_trials
+from islandgp.commands.options import DomainOptions, with_episode_options, with_output_option
+from islandgp.commands.setting import tree_task
 from islandgp.errors import IslandError
 from islandgp.viewer.recording import digits
 from islandgp_numbers.tuning import MeanInterval, NumberSettings, Tuned, thresholds_of, tuned
@@ -39,7 +39,7 @@ MAX_TUNED: Final = 100  # most numbers of a file that are tuned
 )
 @with_episode_options
 def command(
-    file: str, output: str, episodes: int, worlds: int, seed: int, episode: EpisodeOptions
+    file: str, output: str, episodes: int, worlds: int, seed: int, options: DomainOptions
 ) -> None:
     """Tune the thresholds of the tree in FILE with CMA-ES, starting at its numbers.
 
@@ -49,9 +49,10 @@ def command(
     with -o. The comparison and the cost are reported on the standard error. Ctrl-C writes nothing.
     """
     start = monotonic()
-    with tree_trials(file, episode, episodes) as trials:
-        text, name, folder = trials.source
-        vocabulary = trials.problem.domain.schema.vocabulary
+    task = tree_task(file, options)
+    with task.trials(episodes) as trials:
+        text, name, folder = task.source
+        vocabulary = task.problem.domain.schema.vocabulary
         thresholds = thresholds_of(text, vocabulary, name=name, folder=folder)
         if not 0 < len(thresholds) <= MAX_TUNED:
             raise IslandError(
@@ -69,7 +70,7 @@ def command(
         )
 
         def points(trees: Sequence[str], seeds: Sequence[int]) -> list[list[float]]:
-            return [[o.fitness for o in own] for own in trials.outcomes(trees, seeds)]
+            return [[o.fitness for o in own] for own in trials(trees, seeds)]
 
         result = tuned(text, points, vocabulary, search, seed=seed, name=name, folder=folder)
     write_text(output, result.text)
