@@ -120,8 +120,13 @@ class StudyError(IslandError):
 
 
 def brief(error: Exception) -> str:
-    """The first line of the message that is not empty, or the type; at most 200 characters."""
+    """The first line of the message that is not empty, or the type; at most 200 characters.
+
+    Of pydantic's errors, which begin with their number, it is what follows.
+    """
     lines = [line.strip() for line in str(error).splitlines() if line.strip()]
+    if lines and " validation error" in lines[0]:
+        lines = [" ".join(lines[1:])]
     return (lines[0] if lines else type(error).__name__)[:200]
 
 

@@ -13,7 +13,7 @@ import click
 from islandgp.commands.files import FOLDER, OUTPUT, STDIN, check_place, unusable, write_text
 from islandgp.commands.options import grouped, with_config_dir_option, with_workers_option
 from islandgp.commands.tables import Column, compared_trees, print_table, standard_output
-from islandgp.compare.champions import best_trees, finished_runs, shortened_trees
+from islandgp.compare.champions import best_trees, runs_of_one_task, shortened_trees
 from islandgp.compare.report import CompareOptions, build, select_study, write
 from islandgp.evaluation.processes import Processes, cores
 from islandgp.gate import cleaned
@@ -28,7 +28,7 @@ TIMEOUT: Final = 600.0  # time limit of an episode of `best`, s
     "--worlds",
     type=click.IntRange(2, 10_000),
     default=100,
-    help="Number of test worlds in which the best trees are evaluated.",
+    help="Number of test worlds.",
 )
 @with_workers_option
 @click.option("-o", "--output", type=OUTPUT, help="Write the winner to this file.")
@@ -45,15 +45,15 @@ def best_command(
     front: bool,
     as_json: bool,
 ) -> None:
-    """Find the best tree of the finished run, or the finished runs of a sweep, in the folder RUN.
+    """Test the best robot of the finished run, or of the finished runs of a sweep, in folder RUN.
 
-    Candidates are all trees of the last stage, or the best robots of a sweep's runs. Successive
-    halving in validation worlds selects three of them. These, the run's best robot and the
-    library's reference trees are then evaluated in test worlds, which were used neither for
-    training nor for selection.
+    The best robots of a sweep's runs, at most twenty, and the library's reference trees are
+    evaluated in the same test worlds, which were used neither for training nor for selection. The
+    first row is the robot with the highest mean in its run's validation.
     """
-    runs, unfinished = finished_runs(run)
-    if unfinished:
+    found = runs_of_one_task(run)
+    runs = [each for each in found if each.finished]
+    if unfinished := [each.path.name for each in found if not each.finished]:
         names = cleaned(", ".join(unfinished))
         click.echo(f"islandgp: left out, as they are not finished: {names}", err=True)
     if front:

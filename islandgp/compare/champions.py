@@ -8,32 +8,26 @@ too: a supervisor may inject trees that are good without evolution.
 
 from __future__ import annotations
 
-import sys
-from collections.abc import Callable, Hashable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from contextlib import closing, suppress
+from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Final
 
 from pydantic import ValidationError
 
 from islandgp.bt.core.language import to_text
-from islandgp.compare.arms import Run
+from islandgp.compare.arms import Arm, Run, find
 from islandgp.compare.comparable import Comparison
-from islandgp.compare.measures import POINTS, Measure
+from islandgp.compare.measures import POINTS, Measure, read_runs
 from islandgp.domain import Outcome
-from islandgp.errors import ConfigError, RunError, StudyError, TreeError, UntrustedError, brief
+from islandgp.errors import ConfigError, RunError, TreeError, brief
 from islandgp.evaluation.base import Evaluator, Problem, evaluated
-from islandgp.evolution.candidates import Candidate, by_fitness
-from islandgp.evolution.validation import validate, validation_seeds
+from islandgp.evolution.validation import validation_seeds
 from islandgp.records.folder import RunFolder
 from islandgp.records.parameters import TASK
 from islandgp.scoring.classes import Classes, tiers
-from islandgp.scoring.constraints import (
-    NO_CONSTRAINTS,
-    Constraints,
-    recorded_constraints,
-    violation,
-)
+from islandgp.scoring.constraints import Constraints, recorded_constraints, violation
 from islandgp.seeding import Stream
 from islandgp.statistics import mean_interval
 from islandgp.supervision.library import LibrarySettings, library_folder, read_library
@@ -85,40 +79,33 @@ def library_trees(config: Mapping[str, Any], *, for_targets: bool = True) -> dic
     return {}
 
 
-def in_worlds(
-    trees: Sequence[str],
-    make: Make,
-    problems: tuple[Problem, Problem | None],
-    stage: int,
-    worlds: Sequence[int],
-    classes: Classes,
-    constraints: Constraints = NO_CONSTRAINTS,
-) -> DataFrame:
-    """The episodes of trees in some worlds.
+def in_worlds(trees: Sequence[str], make: Make, run: Run, worlds: Sequence[int]) -> DataFrame:
+    """The episodes of trees in some worlds, under a run's task in its last stage.
 
     Args:
         trees: distinct texts.
         make: creates an evaluator.
-        problems: the second one has perturbed worlds; None: without them.
-        stage: index of the curriculum's stage.
+        run: with the task.
         worlds: seeds.
-        classes: define the tiers.
-        constraints: of the counters.
 
     Returns:
-        As `episode_frame`, with `perturbed` (points in the perturbed world).
+        As `episode_frame`, with `perturbed` (points in the perturbed world) if the run has one.
 
     Raises:
         EvaluationError: an episode cannot be run.
+        RunError: the run's domain cannot be imported.
+        UntrustedError: only the run names its domain.
     """
 
     def outcomes(problem: Problem) -> list[list[Outcome]]:
         with closing(make(problem)) as evaluator:
-            return evaluated(evaluator, trees, stage, worlds)
+            return evaluated(evaluator, trees, len(problem.curriculum.stages) - 1, worlds)
 
-    frame = episode_frame(trees, outcomes(problems[0]), classes, constraints)
-    if problems[1] is not None:
-        frame[PERTURBED] = [o.fitness for own in outcomes(problems[1]) for o in own]
+    plain = outcomes(Problem.recorded(run.config))
+    frame = episode_frame(trees, plain, run.classes, recorded_constraints(run.config))
+    if run.config.get("perturb") is not None:
+        perturbed = outcomes(Problem.recorded(run.config, perturbed=True))
+        frame[PERTURBED] = [o.fitness for own in perturbed for o in own]
     return frame
 
 
@@ -189,7 +176,7 @@ def evaluate_champions(
 
     Raises:
         EvaluationError: an episode cannot be run.
-        StudyError: the domain's class cannot be imported.
+        RunError: a domain's class cannot be imported.
     """
     from pandas import DataFrame, concat
 
@@ -200,36 +187,10 @@ def evaluate_champions(
     texts = [*everyone["tree"].unique()]
     results = []
     for task in study.tasks:
-        problems = problem_of(task.run), perturbed_problem(task.run.config)
-        stage = len(problems[0].curriculum.stages) - 1
-        found = in_worlds(texts, make, problems, stage, seeds, task.run.classes)
+        found = in_worlds(texts, make, task.run, seeds)
         rows = everyone.join(summarised(found), on="tree")
         results.append(rows.assign(task=task.label, own=rows["arm"].isin(task.arms)))
     return concat(results, ignore_index=True)
-
-
-def problem_of(run: Run) -> Problem:
-    """The problem of a run.
-
-    Raises:
-        StudyError: its domain cannot be imported.
-        UntrustedError: only the run names its domain.
-    """
-    try:
-        return Problem.recorded(run.config)
-    except UntrustedError:
-        raise
-    except RunError as error:
-        raise StudyError(
-            f"Expected to find the domain {run.flat['domain.factory']} here, found"
-            f" {brief(error)}; install it, or leave the unseen worlds out with"
-            " --worlds 0."
-        ) from error
-
-
-def perturbed_problem(config: Mapping[str, Any]) -> Problem | None:
-    """The problem of a run's perturbed worlds; None if its configuration has none."""
-    return None if config.get("perturb") is None else Problem.recorded(config, perturbed=True)
 
 
 def champion_measures(study: Comparison) -> tuple[Measure, ...]:
@@ -262,118 +223,71 @@ def with_champions(study: Comparison, tested: DataFrame) -> DataFrame:
     return study.runs.assign(**values, **{key: own[key] for key in keys[n:]})
 
 
-EFFORT: Final = 20
-"""Episodes of successive halving for each of --worlds."""
+MOST: Final = 20
+"""Most best robots that are evaluated together: those with the highest means in validation."""
 
 
-def finished_runs(path: Path) -> tuple[list[RunFolder], list[str]]:
-    """The run in a folder, or those of the sweep, and the names of unfinished ones.
+def runs_of_one_task(folder: Path) -> list[Run]:
+    """The runs in a folder and below it, also unfinished ones.
 
     Raises:
-        RunError: there is none, or the fitness of two runs is not comparable.
+        StudyError: there is no such folder.
+        RunError: no run is finished, or the fitness of two of them is not comparable.
     """
-    one = RunFolder(path)
-    if one.begun():
-        one.about()  # a finished run that has lost its summary is damaged
-    below = [RunFolder(child) for child in sorted(path.iterdir())] if path.is_dir() else []
-    runs = [run for run in ([one] if one.finished() else below) if run.finished()]
-    if not runs:
-        raise RunError(f"Expected a finished run in {path}, found none; give a run's own folder.")
-    first = runs[0].configuration()
-    for run in runs[1:]:
-        config = run.configuration()
-        for group in sorted({*TASK, "constraints", "perturb"}):
-            if (first.get(group) or {}) != (config.get(group) or {}):
-                raise RunError(
-                    f"Expected runs with the same {group}, found different ones in"
-                    f" {runs[0].path.name} and {run.path.name}; give a run's own folder."
-                )
-    return runs, [run.path.name for run in below if run.about() and not run.finished()]
+    runs = find([folder])
+    finished = [run for run in runs if run.finished]
+    if not finished:
+        raise RunError(f"Expected a finished run in {folder}, found none; give a run's own folder.")
+    first = finished[0]
+    for run, group in product(finished, sorted({*TASK, "constraints", "perturb"})):
+        if (first.config.get(group) or {}) != (run.config.get(group) or {}):
+            raise RunError(
+                f"Expected runs with the same {group}, found different ones in"
+                f" {first.path.name} and {run.path.name}; give a run's own folder."
+            )
+    return runs
 
 
-def best_trees(runs: Sequence[RunFolder], make: Make, worlds: int) -> DataFrame:
-    """The winner first, then the others by mean in validation worlds, and trees of the library.
+def best_trees(runs: Sequence[Run], make: Make, worlds: int) -> DataFrame:
+    """The best robots of runs, by their means in validation, in worlds that none of them used.
 
     Args:
-        runs: finished ones.
+        runs: finished ones of one task.
         make: creates an evaluator.
         worlds: number of test worlds.
 
     Returns:
-        The rows of `compared`, with `tree`, `name` and `evolved` (False: a tree of the library).
+        The rows of `compared`, with `tree`, `name` and `evolved` (False: a tree of the library's
+        reference trees, which come last).
     """
-    config = runs[0].configuration()
-    classes, seed = Classes.model_validate(config["classes"]), int(config["seed"])
-    constraints = recorded_constraints(config)
-    contenders = _candidates(runs, classes, constraints)
-    used_worlds = frozenset(world for run in runs for world in _used_worlds(run))
-    stage = max(record["snapshot"]["stage"] for run in runs for record in run.records())
-    episodes = EFFORT * worlds
-    race = validation_seeds(seed, used_worlds, episodes)
-    test = validation_seeds(seed, used_worlds.union(race), worlds, Stream.TEST)
-    problem = Problem.recorded(config)
-    with closing(make(problem)) as evaluator:
-        finalists = validate(
-            contenders, race, evaluator, stage, classes, episodes=episodes, constraints=constraints
-        )
-    names = _names(runs, [candidate for candidate, _ in finalists[:3]])
-    labels = library_trees(config, for_targets=False) | names
-    order = dict.fromkeys([*names, *labels])
-    problems = problem, perturbed_problem(config)
-    rows = compared(in_worlds([*order], make, problems, stage, test, classes, constraints))
-    return rows.reset_index().assign(
-        name=[labels[tree] for tree in order], evolved=[tree in names for tree in order]
+    first = runs[0]
+    robots = read_runs([Arm("", "", tuple(runs))])[1]
+    robots["violation"] = robots.get("constraints.violation", 0.0)
+    order = ["violation", "validation_mean", "champion_fitness"]
+    chosen = robots.sort_values(order, ascending=[True, False, False]).drop_duplicates("tree")
+    names = {tree: Path(run).name for run, tree in chosen["tree"].head(MOST).items()}
+    library = library_trees(first.config, for_targets=False)
+    labels = names | {tree: label for tree, label in library.items() if tree not in names}
+    used = frozenset[int]().union(*robots["worlds"])
+    test = validation_seeds(first.seed, used, worlds, Stream.TEST)
+    episodes = in_worlds([*labels], make, first, test)
+    return (
+        compared(episodes)
+        .reset_index()
+        .assign(name=[*labels.values()], evolved=[tree in names for tree in labels])
     )
 
 
-def shortened_trees(runs: Sequence[RunFolder]) -> list[dict[str, Any]]:
+def shortened_trees(runs: Sequence[Run]) -> list[dict[str, Any]]:
     """A run's shortened trees by size.
 
     Raises RunError if there are none, or several runs.
     """
     if len(runs) > 1:
         raise RunError(f"Expected one run for --front, found {len(runs)}; give a run's own folder.")
-    trees: list[dict[str, Any]] = runs[0].summary()["champion"]["front"]
+    trees: list[dict[str, Any]] = RunFolder(runs[0].path).summary()["champion"]["front"]
     if not trees:
         raise RunError(
             f"Expected a front in {runs[0].path}, found none: its tree was not shortened."
         )
     return trees
-
-
-def _names(runs: Sequence[RunFolder], best: Sequence[Candidate]) -> dict[str, str]:
-    """The names of the run's or sweep's trees, by text."""
-    names: dict[str, str] = {}
-    for candidate in best:
-        names.setdefault(candidate.tree, candidate.id)
-    if len(runs) == 1:
-        champion = runs[0].summary()["champion"]
-        name = names.get(champion["tree"], champion["record"]["id"])
-        names[champion["tree"]] = f"{name}, the run's best robot"
-    return names
-
-
-def _candidates(
-    runs: Sequence[RunFolder], classes: Classes, constraints: Constraints
-) -> list[Candidate]:
-    """All trees of a run's last stage, or the best robot of each run of a sweep."""
-    if len(runs) == 1:
-        records, most = runs[0].records(), sys.maxsize
-        return by_fitness(records, classes, most=most, top=most, constraints=constraints)
-    best: dict[str, Candidate] = {}
-    for run in runs:
-        champion = run.summary()["champion"]
-        record = champion["record"]
-        name = f"{run.path.name}, {record['id']}"
-        new = Candidate(champion["generation"], name, champion["tree"], record["fitness"])
-        best.setdefault(new.tree, new)
-    return list(best.values())
-
-
-def _used_worlds(run: RunFolder) -> Iterator[int]:
-    """The worlds of a run's training, choice and test."""
-    for record in run.records():
-        yield from record["worlds"]
-    champion = run.summary()["champion"]
-    yield from champion["chosen_in"]
-    yield from (champion["validation"] or {}).get("worlds", ())

@@ -117,8 +117,8 @@ class Problem:
             return cls.of(factory, world, rewards, curriculum, perturbation if perturbed else None)
         except DECODE_ERRORS as error:
             raise RunError(
-                f"Expected the configuration of a run, found a damaged one ({brief(error)}); run"
-                " its command again under another name."
+                f"Expected the configuration of a run, found a damaged one ({brief(error)});"
+                " install what it names, or run its command again under another name."
             ) from error
 
     def at(self, stage: int) -> Domain:

@@ -73,9 +73,6 @@ def last_stage(
 def by_fitness(
     records: Iterable[Mapping[str, Any]],
     classes: Classes,
-    *,
-    most: int = MAX_CANDIDATES,
-    top: int = TOP_PER_GENERATION,
     constraints: Constraints = NO_CONSTRAINTS,
 ) -> list[Candidate]:
     """The best individuals of each generation, and of each tier, class and behaviour.
@@ -85,8 +82,6 @@ def by_fitness(
     Args:
         records: as for `last_stage`.
         classes: with the tiers, classes and behaviours.
-        most: maximum number of candidates.
-        top: number of candidates per generation.
         constraints: of the run.
     """
 
@@ -99,7 +94,7 @@ def by_fitness(
     for c, _ in shown:
         by_generation.setdefault(c.generation, []).append(c)
     newest = [by_generation[generation] for generation in sorted(by_generation, reverse=True)]
-    ranks = [*zip_longest(*newest)][:top]
+    ranks = [*zip_longest(*newest)][:TOP_PER_GENERATION]
     named = [
         next((c for c, own in shown if name in own), None)
         for name in (*classes.tiers, *classes.specialist_names, *classes.behaviours)
@@ -108,7 +103,7 @@ def by_fitness(
     for candidate in (*chain(*ranks[:1]), *named, *chain(*ranks[1:])):
         if candidate is not None:
             by_tree.setdefault(candidate.tree, candidate)
-    return list(by_tree.values())[:most]
+    return list(by_tree.values())[:MAX_CANDIDATES]
 
 
 def by_evidence(

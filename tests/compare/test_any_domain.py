@@ -13,7 +13,7 @@ from islandgp.compare.champions import evaluate_champions, library_trees
 from islandgp.compare.comparable import compare_arms
 from islandgp.compare.report import Report, build
 from islandgp.domains.island.vocabulary import SCHEMA
-from islandgp.errors import StudyError
+from islandgp.errors import RunError
 from islandgp.evaluation.serial import Serial
 from islandgp.gate import user_folder
 from islandgp.records.folder import RunFolder
@@ -91,9 +91,9 @@ def test_every_milestone_behaviour_and_component_has_its_row(report: Report) -> 
 
 def test_unseen_worlds_need_the_domain(tmp_path: Path) -> None:
     """Where its class cannot be imported the message names it, and what to do."""
-    message = r"domain nowhere\.maze:Maze here, .* --worlds 0"
+    message = r"No module named 'nowhere'.*; install what it names"
     folder = naming(tmp_path, "nowhere.maze:Maze")
-    with user_folder(folder), pytest.raises(StudyError, match=message):
+    with user_folder(folder), pytest.raises(RunError, match=message):
         evaluate_champions(compare_arms(_arms()), Serial, worlds=1, trees={})
 
 

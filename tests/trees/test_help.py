@@ -46,7 +46,10 @@ def test_each_help_ends_with_an_example_that_the_command_takes(
         (["play", "-", "--timeout", "nan"], "islandgp: play: invalid value for '--timeout': nan"),
         (["show", "t.bt"], "islandgp: show: invalid value for 'FILE': File 't.bt' does not exist"),
         (["show", "-", "x"], "islandgp: show: got unexpected extra argument (x); `islandgp show"),
-        (["best", "nowhere"], "islandgp: Expected a finished run in nowhere, found none; give"),
+        (
+            ["best", "nowhere"],
+            "islandgp: Expected runs in nowhere, found no such folder; run `python",
+        ),
     ],
 )
 def test_an_error_of_use_is_one_line(islandgp: Cli, arguments: list[str], line: str) -> None:
