@@ -9,8 +9,10 @@ from dataclasses import dataclass, field
 from functools import reduce
 from inspect import get_annotations
 from operator import add
+from pathlib import Path
 from typing import Annotated, Any, ClassVar, Final, Literal, NamedTuple, Protocol, Self
 
+import yaml
 from pydantic import BaseModel, Field
 
 from islandgp.bt.core.node import Node
@@ -70,6 +72,20 @@ class Schema:
     styles: Mapping[str, ShapeStyle] = field(default_factory=dict)  # by Shape.style; {}: not drawn
     delay: Annotated[int, Field(ge=0, le=MAX_DELAY)] = 0
     """Ticks by which perturbed worlds may delay what the tree sees, at most."""
+
+    @classmethod
+    def read(cls, file: Path) -> Self:
+        """The schema in a YAML file, with the fields that `islandgp domain NAME --json` prints.
+
+        Args:
+            file: e.g. `Path(__file__).with_name("schema.yaml")`.
+
+        Returns:
+            The schema. Raises DomainError for a declaration of another type.
+        """
+        declaration = yaml.safe_load(file.read_text(encoding="utf-8"))
+        schema: Self = validated(cls, declaration, f"the schema {file}")
+        return schema
 
     def __post_init__(self) -> None:
         """Checks the declarations; without counters, declares one per event."""
