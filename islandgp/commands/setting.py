@@ -40,16 +40,19 @@ _CHOOSES: Final = frozenset({"domain", "experiment", "domain.factory"})
 
 def configured(overrides: Sequence[str], config_dir: str | Path | None = None) -> Settings:
     """The settings of a run with these overrides. Raises ConfigError."""
-    return _job(tuple(overrides), config_dir).settings
+    return _job(overrides, config_dir).settings
 
 
-@cache
-def _job(overrides: tuple[str, ...], config_dir: str | Path | None) -> Planned:
+def _job(overrides: Sequence[str], config_dir: str | Path | None) -> Planned:
     from islandgp.config.compose import only_job
 
     keys = _keys_of(overrides)
     quick = [word for word in QUICK if word.partition("=")[0] not in keys]
     return only_job([*quick, *overrides], config_dir)
+
+
+_job_of_trees = cache(_job)
+"""The job for trees, composed once for all files of a command."""
 
 
 def settings_of(source: TreeText, options: DomainOptions) -> Settings:
@@ -63,10 +66,10 @@ def settings_of(source: TreeText, options: DomainOptions) -> Settings:
     """
     run = options.run or source.folder or Path()
     if options.run is None and (source.folder is None or not (run / "about.json").is_file()):
-        return configured(_for_tree(source, options), options.config_dir)
+        return _job_of_trees(_for_tree(source, options), options.config_dir).settings
     from islandgp.config.compose import recorded_settings
 
-    ours, config = _job((), options.config_dir).config, RunFolder(run).configuration()
+    ours, config = _job_of_trees((), options.config_dir).config, RunFolder(run).configuration()
     if not config:
         raise RunError(f"Expected a run in {run}, found none; give a run's own folder.")
     config |= {group: ours[group] for group in UNUSED}

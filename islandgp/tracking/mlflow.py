@@ -133,7 +133,7 @@ class MLflow:
         """
         self.place = place
         self.patience = patience
-        self._uploader: RunUploader | None = None  # of the sender's thread
+        self._store: Store | None = None  # of the sender's thread
         self._batch: Future[str] | None = None  # the last batch of the unfinished run
         self._due = 0.0  # time of the next one
 
@@ -153,12 +153,9 @@ class MLflow:
         """Send what the store lacks; executed by the sender's thread."""
         if not self._path.is_dir():  # locking it would make it again
             raise TrackingError(f"Expected a run's folder, found no folder {self._path}.")
-        uploader, self._uploader = self._uploader, None  # after an error, the store is opened again
-        if uploader is None:
-            folder, store = RunFolder(self._path), Store(self.place)
-            uploader = RunUploader(folder, store, sender().alive, has_own_page=True)
-        uploader.send(status)
-        self._uploader = uploader
+        store, self._store = self._store or Store(self.place), None  # opened again after an error
+        RunUploader(RunFolder(self._path), store, sender().alive, has_own_page=True).send(status)
+        self._store = store
         return ""
 
     def finish(self, status: Status) -> str:

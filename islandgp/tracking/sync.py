@@ -7,10 +7,8 @@ only chooses one of them, by its address and experiment.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import Future
 from contextlib import contextmanager
 from dataclasses import dataclass, field
-from functools import cache
 from pathlib import Path
 from typing import Final
 
@@ -98,42 +96,40 @@ def sync(
     Returns:
         The folders by outcome, including unreachable stores and folders that cannot be sent.
     """
-    done, sweeps = Synced(), dict[Path, TrackingStore]()
-    opened = cache(_opened)  # a store that was unreachable once is not tried again
-
-    @contextmanager
-    def noting(path: Path) -> Iterator[None]:
-        try:
-            yield
-            alive()
-        except Exception as error:  # a store may fail in any way, and a folder be damaged
-            done.failed[path] = error
-
+    done, by_store = Synced(), dict[TrackingStore, list[RunFolder]]()
     for folder in run_folders(root.resolve()):
-        with noting(folder.path):
-            where = place or place_of(folder, places)
-            if where is None:
+        with _noting(folder.path, done):
+            if (where := place or place_of(folder, places)) is None:
                 done.untracked.append(folder.path)
                 continue
-            sweeps[folder.path.parent] = where
             if folder.finished():
                 folder.must_be_sound()  # before a store is made for it
-            uploader = RunUploader(folder, opened(where)(), alive)
-            uploader.send(folder.status())
-            (done.sent if uploader.has_sent else done.known).append(folder.path)
-    for path, where in sweeps.items():
-        with noting(path):
-            if (sweep := read_sweep(path)) is not None:
-                status = Status.RUNNING if sweep.at_work() else sweep.status()
-                send_sweep(sweep, opened(where)(), status)
+            by_store.setdefault(where, []).append(folder)
+    for where, folders in by_store.items():
+        try:
+            store = Store(where)
+        except Exception as error:  # it is not tried again for each run
+            done.failed |= dict.fromkeys((folder.path for folder in folders), error)
+            continue
+        for folder in folders:
+            with _noting(folder.path, done):
+                uploader = RunUploader(folder, store, alive)
+                _, has_sent = uploader.send(folder.status())
+                (done.sent if has_sent else done.known).append(folder.path)
+                alive()
+        for path in dict.fromkeys(folder.path.parent for folder in folders):
+            with _noting(path, done):
+                if (sweep := read_sweep(path)) is not None:
+                    status = Status.RUNNING if sweep.at_work() else sweep.status()
+                    send_sweep(sweep, store, status)
+                alive()
     return done
 
 
-def _opened(place: TrackingStore) -> Callable[[], Store]:
-    """A function that returns the store of a place, or raises the error of opening it."""
-    future: Future[Store] = Future()
+@contextmanager
+def _noting(path: Path, done: Synced) -> Iterator[None]:
+    """A context whose error is that of a folder; a store and a folder may fail in any way."""
     try:
-        future.set_result(Store(place))
+        yield
     except Exception as error:
-        future.set_exception(error)
-    return future.result
+        done.failed[path] = error

@@ -15,6 +15,7 @@ import shutil
 import tempfile
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import dataclass
 from itertools import chain, islice
 from pathlib import Path
 from typing import Final
@@ -44,93 +45,70 @@ FILES: Final = (*REQUIRED, LONG, MANIFEST, PAGE, "transcript.jsonl")
 MLflow cannot delete a file, and a failed run may be resumed."""
 
 
+@dataclass(frozen=True, slots=True)
 class RunUploader:
     """Sends one run's folder to an MLflow run: metrics, parameters, tags and artifacts."""
 
-    def __init__(
-        self,
-        folder: RunFolder,
-        store: Store,
-        alive: Callable[[], None] = lambda: None,
-        *,
-        has_own_page: bool = False,
-    ) -> None:
-        """Does not open the store.
+    folder: RunFolder
+    store: Store
+    alive: Callable[[], object] = lambda: None  # called whenever records were sent
+    has_own_page: bool = False  # else the page is written again before it is sent
 
-        Args:
-            folder: of the run.
-            store: to send it to.
-            alive: called whenever records were sent.
-            has_own_page: True: this process has just written the page; False: it is written again
-                before it is sent.
+    def send(self, status: Status) -> tuple[str, bool]:
+        """Sends everything missing. Errors of MLflow propagate.
+
+        Returns:
+            The MLflow run's id, and whether anything was missing.
 
         Raises:
             TrackingError: no run was started in the folder.
-        """
-        about = folder.about()
-        if about is None:
-            raise TrackingError(f"Expected a run's folder, found no about.json in {folder.path}.")
-        self.folder, self.store, self.about, self._alive = folder, store, about, alive
-        self._has_own_page = has_own_page
-        self.has_sent = False  # True once anything was sent
-        self._lock = FileLock(folder.path / LOCK)
-        self._run = ""  # MLflow's id; "": the store has to be asked what it has
-        self._next = 0  # the first generation that it lacks
-
-    def send(self, status: Status) -> str:
-        """Sends everything missing and returns the MLflow run's id. Errors of MLflow propagate.
-
-        Raises:
             IslandError: the run is damaged.
         """
-        if status is Status.FINISHED and self.folder.finished():
-            self.folder.must_be_sound()
-        with self._lock:
-            done = f"{status} {self.folder.completed_generations()}"
-            try:
-                if self._run or not self._is_sent(status, done):
-                    self._send_generations()
-                    if status is not Status.RUNNING:
-                        self._end(status)
-                        self.store.client.set_tag(self._run, SENT, done)
-            except BaseException:
-                self._run = ""
-                raise
-            return self._run
+        folder, store = self.folder, self.store
+        if (about := folder.about()) is None:
+            raise TrackingError(f"Expected a run's folder, found no about.json in {folder.path}.")
+        if status is Status.FINISHED and folder.finished():
+            folder.must_be_sound()
+        with FileLock(folder.path / LOCK):
+            done, stored = f"{status} {folder.completed_generations()}", store.find(run_key(about))
+            before = None if stored is None else (stored.info.status, stored.data.tags.get(SENT))
+            run = self._create(about) if stored is None else str(stored.info.run_id)
+            if before == (status, done):
+                return run, False
+            if before and status is Status.RUNNING and before[0] != status:
+                parent_run(folder.path, store)
+                store.client.update_run(run, status=status)
+            first = store.last_step(run, MARKER_METRIC) + 1
+            if not first:  # else parameters were sent before the first point
+                store.log_parameters(run, flat(folder.configuration()))
+            self.alive()
+            end = self._send_generations(run, first)
+            if status is not Status.RUNNING:
+                self._end(run, about, status, end - 1)
+                store.client.set_tag(run, SENT, done)
+            return run, True
 
-    def _is_sent(self, status: Status, done: str) -> bool:
-        """True if the store has everything; otherwise makes the run ready for more."""
-        store, about, key = self.store, self.about, run_key(self.about)
-        run = store.find(key)
-        if run is not None and (run.info.status, run.data.tags.get(SENT)) == (status, done):
-            self._run = str(run.info.run_id)
-            return True
-        parent = parent_run(self.folder.path, store)
-        if run is not None:
-            self._run = str(run.info.run_id)
-            if status is Status.RUNNING:
-                store.client.update_run(self._run, status=status)
-        else:
-            arm = arm_of(self.folder.path) or about.tags.get("arm", "")
-            tags = {**about.tags, ARM: levels_first(arm)}
-            tags |= {"mlflow.parentRunId": parent} if parent else {}
-            self._run = store.create(
-                key, about.title, command=about.command, started=about.started, tags=tags
-            )
-            if parent:
-                store.delete_children(parent, about.title, without=self._run)
-        self._next = store.last_step(self._run, MARKER_METRIC) + 1
-        if not self._next:  # else parameters were sent before the first point
-            store.log_parameters(self._run, flat(self.folder.configuration()))
-        self._progress()
-        return False
+    def _create(self, about: RunMetadata) -> str:
+        """Creates the MLflow run; another one of the same job, whose folder was deleted, goes."""
+        parent = parent_run(self.folder.path, self.store)
+        arm = arm_of(self.folder.path) or about.tags.get("arm", "")
+        tags = {**about.tags, ARM: levels_first(arm)}
+        tags |= {"mlflow.parentRunId": parent} if parent else {}
+        run = self.store.create(
+            run_key(about), about.title, command=about.command, started=about.started, tags=tags
+        )
+        if parent:
+            self.store.delete_children(parent, about.title, without=run)
+        return run
 
-    def _send_generations(self) -> None:
-        """Sends the points of whole generations, as many in a call as MLflow accepts."""
-        first = self._next
-        missing = self.folder.completed_generations() - first
+    def _send_generations(self, run: str, first: int) -> int:
+        """Sends the points from a generation on, as many in a call as MLflow accepts.
+
+        Returns the number of generations that the store has.
+        """
+        end = max(first, self.folder.completed_generations())
         records, costs = self.folder.records(first), self.folder.costs(first)
-        pairs = zip(islice(records, missing), islice(costs, missing), strict=True)
+        pairs = zip(islice(records, end - first), islice(costs, end - first), strict=True)
         constraints = recorded_constraints(self.folder.configuration())
         waiting = [
             points(metric_values(generation_values(record, cost, constraints)), cost["at"], step)
@@ -138,35 +116,31 @@ class RunUploader:
         ]
         size = max(1, MAX_POINTS // max(map(len, waiting), default=1))  # generations in a call
         for at in range(0, len(waiting), size):
-            batch = waiting[at : at + size]
-            self.store.client.log_batch(self._run, metrics=[*chain.from_iterable(batch)])
-            self._next += len(batch)
-            self._progress()
+            batch = [*chain.from_iterable(waiting[at : at + size])]
+            self.store.client.log_batch(run, metrics=batch)
+            self.alive()
+        return end
 
-    def _progress(self) -> None:
-        self.has_sent = True
-        self._alive()
-
-    def _end(self, status: Status) -> None:
-        has_page = self._has_own_page
+    def _end(self, run: str, about: RunMetadata, status: Status, last: int) -> None:
+        """Sends the end of a run; `last` is the step of its last point."""
+        has_page, client = self.has_own_page, self.store.client
         if not has_page:
             with suppress(RunError):  # the records are sent without it
                 write_page(self.folder, status)
                 has_page = True
-        client, about = self.store.client, self.about
         end_time = max((int(cost["at"]) for cost in self.folder.costs()), default=about.started)
         # First, so that it is not RUNNING if anything below fails.
-        client.set_terminated(self._run, status, end_time)
+        client.set_terminated(run, status, end_time)
         with tempfile.TemporaryDirectory(prefix="islandgp-") as copies:
             copy_artifacts(self.folder.path, Path(copies), has_page=has_page)
-            client.log_artifacts(self._run, copies)
-        self._progress()
-        client.set_tag(self._run, "mlflow.note.content", note(self.folder, about, status))
+            client.log_artifacts(run, copies)
+        self.alive()
+        client.set_tag(run, "mlflow.note.content", note(self.folder, about, status))
         # Points cannot be deleted, and a stopped run may be resumed.
         if status is Status.FINISHED and self.folder.finished():
             figures = metric_values(run_values(self.folder.summary()))
             numbers = {f"run/{name}": value for name, value in figures.items()}
-            client.log_batch(self._run, metrics=points(numbers, end_time, self._next - 1))
+            client.log_batch(run, metrics=points(numbers, end_time, last))
 
 
 def copy_artifacts(run: Path, copies: Path, *, has_page: bool = True) -> None:

@@ -181,7 +181,7 @@ def test_a_run_whose_process_was_killed_does_not_stay_running(home: Path, store:
     """Its end was not recorded; `sync` sees that no process is at work and records it."""
     folder = begun(home / "runs/a/one", home)
     folder.append(steps()[0])
-    run = RunUploader(folder, store).send(Status.RUNNING)
+    run, _ = RunUploader(folder, store).send(Status.RUNNING)
     sync(home / "runs", places=[place(home)])
     assert store.client.get_run(run).info.status == "RUNNING"  # somebody is at work
     folder.close()

@@ -36,7 +36,7 @@ def test_each_generation_is_sent_once_as_it_comes(home: Path, store: Store) -> N
     uploader = RunUploader(folder, store)
     for i, step in enumerate(steps()[:4]):
         folder.append(step)
-        run = uploader.send(Status.RUNNING)
+        run, _ = uploader.send(Status.RUNNING)
         if i % 2:
             uploader.send(Status.RUNNING)
     folder.close()
@@ -50,7 +50,7 @@ def test_a_generation_that_may_be_taken_back_is_not_sent(home: Path, store: Stor
     all_steps = steps()
     folder.append(all_steps[0])
     folder.append(replace(all_steps[1], state=None))
-    run = RunUploader(folder, store).send(Status.RUNNING)
+    run, _ = RunUploader(folder, store).send(Status.RUNNING)
     folder.close()
     assert history(store, run) == maxima(1)
 
@@ -58,13 +58,11 @@ def test_a_generation_that_may_be_taken_back_is_not_sent(home: Path, store: Stor
 def test_nothing_is_doubled_after_an_end_that_was_cut_off(home: Path, store: Store) -> None:
     """The last request sets a tag; without it, the end is sent again."""
     folder = closed_run(home / "runs/a/one", home)
-    run = RunUploader(folder, store).send(Status.FINISHED)
+    run, _ = RunUploader(folder, store).send(Status.FINISHED)
     assert run_of(store, folder).data.tags[SENT] == "FINISHED 5"
     store.client.delete_tag(run, SENT)
     for sends in (True, False):
-        uploader = RunUploader(folder, store)
-        assert uploader.send(Status.FINISHED) == run
-        assert uploader.has_sent is sends
+        assert RunUploader(folder, store).send(Status.FINISHED) == (run, sends)
     assert history(store, run) == maxima(5)
     assert len(store.client.search_runs([store.experiment])) == 1
 
@@ -85,7 +83,7 @@ def test_an_error_half_way_loses_and_doubles_nothing(
     with pytest.raises(ConnectionError):
         uploader.send(Status.FINISHED)
     monkeypatch.undo()
-    run = uploader.send(Status.FINISHED)
+    run, _ = uploader.send(Status.FINISHED)
     assert history(store, run) == maxima(5)
 
 
@@ -93,7 +91,7 @@ def test_an_error_half_way_loses_and_doubles_nothing(
 def test_a_finished_run_has_everything_that_people_look_for(home: Path, store: Store) -> None:
     """Name, parameters, tags, description, previews, and the end's time from the records."""
     folder = closed_run(home / "runs/a/baseline-seed1", home)
-    run = RunUploader(folder, store).send(Status.FINISHED)
+    run, _ = RunUploader(folder, store).send(Status.FINISHED)
     stored = store.client.get_run(run)
     assert stored.info.run_name == "baseline-seed1"
     assert stored.info.status == "FINISHED"
@@ -122,17 +120,19 @@ def test_a_finished_run_has_everything_that_people_look_for(home: Path, store: S
 def test_a_run_goes_on_in_the_same_mlflow_run(home: Path, store: Store) -> None:
     """Stopped after two generations it is KILLED, then RUNNING, then FINISHED, under one id."""
     folder = closed_run(home / "runs/a/one", home, 2)
-    run = RunUploader(folder, store).send(folder.status())
+    run, _ = RunUploader(folder, store).send(folder.status())
     assert run_of(store, folder).info.status == "KILLED"
     reopened = RunFolder(folder.path)
-    reopened.open(folder.config() or "", RunUploader(folder, store).about)
+    about = folder.about()
+    assert about is not None
+    reopened.open(folder.config() or "", about)
     uploader = RunUploader(reopened, store)
-    assert uploader.send(Status.RUNNING) == run
+    assert uploader.send(Status.RUNNING)[0] == run
     assert run_of(store, folder).info.status == "RUNNING"
     reopened.resume()
     for step in steps()[2:]:
         reopened.append(step)
-    assert uploader.send(Status.FAILED) == run
+    assert uploader.send(Status.FAILED)[0] == run
     reopened.close()
     assert history(store, run) == maxima(4)
 
@@ -142,9 +142,9 @@ def test_another_configuration_in_the_folder_is_another_mlflow_run(
 ) -> None:
     """`resume=force`: parameters of an MLflow run cannot change, so there is a new one."""
     folder = closed_run(home / "runs/a/one", home, 2)
-    first = RunUploader(folder, store).send(Status.KILLED)
+    first, _ = RunUploader(folder, store).send(Status.KILLED)
     changed = begun(folder.path, home, identity="i2")
-    second = RunUploader(changed, store).send(Status.RUNNING)
+    second, _ = RunUploader(changed, store).send(Status.RUNNING)
     changed.close()
     assert second != first
     assert history(store, second) == maxima(2)
@@ -155,16 +155,16 @@ def test_another_store_gets_all_of_it(home: Path, store: Store) -> None:
     folder = closed_run(home / "runs/a/one", home)
     RunUploader(folder, store).send(Status.FINISHED)
     elsewhere = Store(place(home, "elsewhere"))
-    run = RunUploader(folder, elsewhere).send(Status.FINISHED)
+    run, _ = RunUploader(folder, elsewhere).send(Status.FINISHED)
     assert history(elsewhere, run) == maxima(5)
 
 
 def test_a_deleted_mlflow_run_is_made_again(home: Path, store: Store) -> None:
     """Somebody who deletes a run in the UI and sends it again gets it again."""
     folder = closed_run(home / "runs/a/one", home)
-    first = RunUploader(folder, store).send(Status.FINISHED)
+    first, _ = RunUploader(folder, store).send(Status.FINISHED)
     store.client.delete_run(first)
-    second = RunUploader(folder, store).send(Status.FINISHED)
+    second, _ = RunUploader(folder, store).send(Status.FINISHED)
     assert second != first
     assert history(store, second) == maxima(5)
 
@@ -174,9 +174,8 @@ def test_what_was_sent_is_not_sent_again(home: Path) -> None:
     folder = closed_run(home / "runs/a/one", home)
     batches = []
     for name in ("islandgp", "islandgp", "elsewhere"):
-        uploader = RunUploader(folder, Store(place(home, name)))
-        uploader.send(Status.FINISHED)
-        batches.append(uploader.has_sent)
+        _, has_sent = RunUploader(folder, Store(place(home, name))).send(Status.FINISHED)
+        batches.append(has_sent)
     assert batches == [True, False, True]
 
 
@@ -186,11 +185,11 @@ def test_a_secret_in_the_configuration_is_no_parameter(home: Path, store: Store)
     config = (folder.config() or "") + "\nsupervisor_api_key: '***'\n"
     (folder.path / "config.yaml").write_text(config)
     add_to_manifest(folder.path, "config.yaml")
-    run = RunUploader(folder, store).send(Status.FINISHED)
+    run, _ = RunUploader(folder, store).send(Status.FINISHED)
     assert store.client.get_run(run).data.params["supervisor_api_key"] == "***"
 
 
 def test_a_folder_that_is_no_run_is_refused(home: Path, store: Store) -> None:
     """The message names what is missing and where."""
     with pytest.raises(TrackingError, match=r"found no about\.json in"):
-        RunUploader(RunFolder(home), store)
+        RunUploader(RunFolder(home), store).send(Status.RUNNING)
