@@ -35,38 +35,26 @@ def load_includes(
         rule: the start rule of the main text.
 
     Raises:
-        TreeError: a file cannot be read, lies outside of the folder, includes itself, or is not
-            in the language; the message names the place of the include.
+        TreeError: a file cannot be read, lies outside of the folder, or is not in the language; the
+            message names the place of the include.
         LimitError: there are too many files, or too much is in them.
     """
     parts: list[ParsedFile] = []
     texts: dict[Path, str] = {}
 
-    def visit(source: Source, rule: str, beside: Path | None, above: tuple[Path, ...]) -> None:
+    def visit(source: Source, rule: str, beside: Path | None) -> None:
         tree = grammar(source, rule)
-        for part in tree.children:
-            if part.data != "include":
-                continue
-            token, name = part.children[0], str(part.children[0])[1:-1]
-            if folder is None or beside is None:
-                message = "only a text in a file can include files"
-                raise source.error(token, message, "a text without include")
-            path = included_path(name, folder, beside)
-            if path is None or path in above:
-                raise source.error(
-                    token,
-                    f"{shown(name)} is not another file in the folder of the tree",
-                    'a relative name with /, such as "lib/recharge.bt", and no circle of includes',
-                )
-            if path in texts:
-                continue
+        for token in (part.children[0] for part in tree.children if part.data == "include"):
+            name = token.strip('"')
             try:
+                path = included_path(name, folder, beside)
+                if path in texts:
+                    continue
                 texts[path] = read_included(path)
-            except (OSError, UnicodeDecodeError) as error:
+            except (OSError, ValueError) as error:
                 reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
-                raise source.error(
-                    token, f"can't read {shown(name)}: {reason}", "a tree file"
-                ) from None
+                expected = "a tree file in the folder of the tree or below"
+                raise source.error(token, f"can't read {shown(name)}: {reason}", expected) from None
             size = len(main.text) + sum(map(len, texts.values()))
             if len(texts) > MAX_FILES or size > MAX_CHARACTERS:
                 raise source.error(
@@ -75,23 +63,21 @@ def load_includes(
                     f"at most {MAX_FILES} files, and {MAX_CHARACTERS} characters in all",
                     kind=LimitError,
                 )
-            shown_name = str(folder / path.relative_to(folder.resolve()))
-            visit(Source(texts[path], shown_name), "library", path.parent, (*above, path))
+            visit(Source(texts[path], str(Path(source.name).parent / name)), "library", path.parent)
         parts.append(ParsedFile(source, tree))
 
-    visit(main, rule, folder, ())
+    visit(main, rule, folder)
     return parts
 
 
-def included_path(name: str, folder: Path, beside: Path) -> Path | None:
-    """The path of an included file; None if it is not in the folder or below."""
-    if not name or "\\" in name or Path(name).is_absolute():
-        return None
-    with suppress(OSError, RuntimeError, ValueError):
-        path = (beside / name).resolve()
-        if path.is_relative_to(folder.resolve()):
-            return path
-    return None
+def included_path(name: str, folder: Path | None, beside: Path | None) -> Path:
+    """The path of an included file. Raises OSError or ValueError unless it is in the folder."""
+    with suppress(RuntimeError):  # a circle of links
+        if folder is not None and beside is not None:
+            path = (beside / name).resolve()
+            if path.is_relative_to(folder.resolve()):
+                return path
+    raise FileNotFoundError(0, "it is not in the folder of the tree")
 
 
 def read_included(path: Path) -> str:
@@ -109,15 +95,13 @@ def find_includes(text: str, folder: Path) -> dict[Path, str]:
     which read incomplete files.
     """
     texts: dict[Path, str] = {}
-    waiting = [(text, folder)]
-    while waiting:
-        source, beside = waiting.pop()
+    sources = [(text, folder)]
+    for source, beside in sources:  # the list grows while it is iterated
         for name in _INCLUDE.findall(source):
-            path = included_path(name, folder, beside)
-            if path is None or path in texts or len(texts) == MAX_FILES:
-                continue
-            texts[path] = ""
             with suppress(OSError, ValueError):
-                texts[path] = read_included(path)
-            waiting.append((texts[path], path.parent))
+                path = included_path(name, folder, beside)
+                if path not in texts and len(texts) < MAX_FILES:
+                    texts[path] = ""
+                    texts[path] = read_included(path)
+                    sources.append((texts[path], path.parent))
     return texts

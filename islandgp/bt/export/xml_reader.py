@@ -142,14 +142,14 @@ class XmlTrees:
     def _include(self, element: Element, beside: Path | None) -> None:
         """Adds the trees of the file that an <include> names, unless they are known."""
         attribute = element.attributes.get("path", "")
-        path = included_path(attribute, self._folder, beside) if self._folder and beside else None
-        if path in self._read:
-            return
         try:
-            text = _text_of(path) if path and len(self._read) <= MAX_FILES else ""
-        except (OSError, UnicodeDecodeError):
+            path = included_path(attribute, self._folder, beside)
+            if path in self._read:
+                return
+            text = _text_of(path) if len(self._read) <= MAX_FILES else ""
+        except (OSError, ValueError):
             text = ""
-        if not (text and path and self._folder):
+        if not (text and self._folder):
             raise element.error(
                 f"expected the path of a text in the folder of the tree or below, one of at most"
                 f" {MAX_FILES}, found {shown(attribute)}"
