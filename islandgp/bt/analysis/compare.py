@@ -6,12 +6,12 @@ comparison of texts would show the whole branch as changed.
 
 from __future__ import annotations
 
-from collections.abc import Container, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from difflib import SequenceMatcher
 from enum import StrEnum
 from typing import NamedTuple
 
-from islandgp.bt.core.node import Node
+from islandgp.bt.core.node import Node, levels, walk
 
 
 class Mark(StrEnum):
@@ -34,67 +34,45 @@ class DiffLine(NamedTuple):
     new_place: int | None
 
 
-class _Listed(NamedTuple):
-    node: Node
-    level: int
-    parent: int  # place in document order; -1: none
-
-
 def compare(old: Node, new: Node) -> list[DiffLine]:
     """The nodes of both trees, one line each, marked as deleted, inserted, changed or equal.
 
     A node that is equal but below another node than before is marked as changed.
     """
-    a, b = _listed(old), _listed(new)
-    rows = [*_rows(a, b)]
-    pairs = {-1: -1} | {i: j for i, j in rows if i is not None and j is not None}
-    back = {j: i for i, j in pairs.items()}
+    nodes = list(walk(old)), list(walk(new))
+    depths = levels(old), levels(new)
+    above = [(0, -1)], [(0, -1)]  # of each tree: (level, line) of the nodes above in both trees
     lines: list[DiffLine] = []
-    for i, j in rows:
-        if j is None and i is not None:
-            lines.append(DiffLine(Mark.DELETED, a[i].level, a[i].node, None, i, None))
-        elif i is None and j is not None:
-            lines.append(DiffLine(Mark.INSERTED, b[j].level, None, b[j].node, None, j))
-        elif i is not None and j is not None:
-            same = a[i].node[:2] == b[j].node[:2]
-            same = same and pairs[_above(a, i, pairs)] == _above(b, j, back)
+    for i, j in _rows(*nodes):
+        level, parents = 0, []
+        for stack, depth, at in zip(above, depths, (i, j), strict=True):
+            if at is not None:
+                level = depth[at]
+                while stack[-1][0] >= level:
+                    stack.pop()
+                parents.append(stack[-1][1])
+                if None not in (i, j):
+                    stack.append((level, len(lines)))
+        if i is None:
+            mark = Mark.INSERTED
+        elif j is None:
+            mark = Mark.DELETED
+        else:
+            same = nodes[0][i][:2] == nodes[1][j][:2] and parents[0] == parents[1]
             mark = Mark.SAME if same else Mark.CHANGED
-            lines.append(DiffLine(mark, b[j].level, a[i].node, b[j].node, i, j))
+        before, after = (None if at is None else n[at] for n, at in zip(nodes, (i, j), strict=True))
+        lines.append(DiffLine(mark, level - 1, before, after, i, j))
     return lines
 
 
-def _listed(tree: Node) -> list[_Listed]:
-    """The nodes of a tree in document order."""
-    nodes: list[_Listed] = []
-
-    def visit(node: Node, level: int, parent: int) -> None:
-        place = len(nodes)
-        nodes.append(_Listed(node, level, parent))
-        for child in node.children:
-            visit(child, level + 1, place)
-
-    visit(tree, 0, -1)
-    return nodes
-
-
-def _rows(
-    old: Sequence[_Listed], new: Sequence[_Listed]
-) -> Iterator[tuple[int | None, int | None]]:
+def _rows(old: Sequence[Node], new: Sequence[Node]) -> Iterator[tuple[int | None, int | None]]:
     """The places of nodes that are equal or can become each other, and of deleted and new ones."""
-    before, after = ([each.node[:2] for each in nodes] for nodes in (old, new))
+    before, after = ([node[:2] for node in nodes] for nodes in (old, new))
     for tag, i, i_end, j, j_end in SequenceMatcher(None, before, after).get_opcodes():
         a, b = range(i, i_end), range(j, j_end)
-        leaves = [old[i].node.action != "" for i in a], [new[j].node.action != "" for j in b]
+        leaves = [old[i].action != "" for i in a], [new[j].action != "" for j in b]
         if tag == "equal" or leaves[0] == leaves[1]:
             yield from zip(a, b, strict=True)
         else:
             yield from ((i, None) for i in a)
             yield from ((None, j) for j in b)
-
-
-def _above(nodes: Sequence[_Listed], place: int, paired: Container[int]) -> int:
-    """The place of the nearest node above that is in both trees; -1: none."""
-    place = nodes[place].parent
-    while place not in paired:
-        place = nodes[place].parent
-    return place
