@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from islandgp.bt.core.engine import Compiler, Maker, Observed, Stop, Tick
+from islandgp.bt.core.engine import Compiler, Guard, Maker, Observed, Stop, Tick
 from islandgp.bt.core.node import (
     AGAIN,
     FAILURE,
@@ -27,11 +27,11 @@ def ordered(advance_status: int) -> Maker:
     """A selector (`advance_status` FAILURE) or a sequence (SUCCESS)."""
 
     def make(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
-        observed = Observed()
-        branches, stops = zip(*compiler.children(node, observed), strict=True)
-        if not observed.guards:
+        guards: list[Guard] = []
+        branches, stops = zip(*compiler.children(node, guards), strict=True)
+        if not guards:
             return _composite(branches, advance_status)
-        return _observing_composite(branches, stops, advance_status, observed)
+        return _observing_composite(branches, stops, advance_status, guards)
 
     return make
 
@@ -57,7 +57,7 @@ def _composite(branches: Sequence[Tick], advance_status: int) -> Tick:
 
 
 def _observing_composite(
-    branches: Sequence[Tick], stops: Sequence[Stop], advance_status: int, observed: Observed
+    branches: Sequence[Tick], stops: Sequence[Stop], advance_status: int, guards: Sequence[Guard]
 ) -> Tick:
     """A selector or sequence that goes back to an earlier branch when its guard becomes true.
 
@@ -65,45 +65,40 @@ def _observing_composite(
         branches: the children.
         stops: the functions that stop them.
         advance_status: the status of a branch after which the next one starts.
-        observed: the guards of all branches but the last.
+        guards: those of all branches but the last.
     """
     count = len(branches)
-    guards, truth = tuple(observed.guards), observed.truth
-    unvisited: list[bool | None] = [None] * len(guards)
     current = 0
 
     def turned_true() -> int:
         """The branch of the first observed guard that became true, else the running branch."""
-        for branch, slot, holds in guards:
-            if branch >= current:
+        for guard in guards:
+            if guard.branch >= current:
                 break
-            before = truth[slot]
+            before = guard.truth
             if before is not None:
-                true_now = truth[slot] = holds()
-                if true_now and not before:
-                    return branch
+                guard.truth = guard.holds()
+                if guard.truth and not before:
+                    return guard.branch
         return current
 
     def tick(fresh: bool) -> int:
         nonlocal current
+        at = 0 if fresh else turned_true()
+        if not fresh and at != current:
+            stops[current]()
+            fresh = True
         if fresh:
-            at = 0
-            truth[:] = unvisited
-        else:
-            at = turned_true()
-            if at != current:
-                stops[current]()
-                fresh = True
-                for branch, slot, _ in guards:
-                    if branch >= at:
-                        truth[slot] = None
+            for guard in guards:
+                if guard.branch >= at:
+                    guard.truth = None
         status = branches[at](fresh)
         if status == advance_status and not fresh:
             # The guards of this branch are observed from this tick on. Their stored values are
             # from the branch's start, which may be many ticks ago.
-            for branch, slot, holds in guards:
-                if branch == at and truth[slot] is not None:
-                    truth[slot] = holds()
+            for guard in guards:
+                if guard.branch == at and guard.truth is not None:
+                    guard.truth = guard.holds()
         while status == advance_status:
             at += 1
             if at == count:
@@ -348,15 +343,15 @@ def when(compiler: Compiler, node: Node, observed: Observed | None) -> Tick:
     """Runs its child while a condition holds."""
     guard = guard_of(node)
     holds, checks_itself = compiler.holds(guard.condition), guard.checks_itself
-    truth: list[bool | None] = [None]  # the last known value; here no composite observes it
-    slot = 0
+    seen = Guard(0, holds)
     if observed is not None and guard.interrupts:
-        truth, slot = observed.truth, observed.add(holds)
+        seen.branch = observed.branch
+        observed.guards.append(seen)
     child, stop = compiler.child(node.children[0], observed)
 
     def tick(fresh: bool) -> int:
         if fresh:
-            truth[slot] = true_now = holds()
+            seen.truth = true_now = holds()
             return child(True) if true_now else FAILURE
         if checks_itself and not holds():
             stop()

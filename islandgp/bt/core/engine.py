@@ -27,28 +27,20 @@ Watch: TypeAlias = Callable[[int, int], None]  # (node's position in document or
 Actions: TypeAlias = Mapping[str, Tick] | Callable[[ActionArgs], Tick]
 
 
-class ObservedGuard(NamedTuple):
-    """A `when` that a composite observes while a later branch runs."""
+@dataclass(slots=True)
+class Guard:
+    """A `when` that a composite may observe while a later branch runs."""
 
-    branch: int
-    slot: int  # of `Observed.truth`
+    branch: int  # of the composite
     holds: Callable[[], bool]
+    truth: bool | None = None  # last known; None: not visited since the composite started
 
 
-class Observed:
-    """Observed guards of a composite."""
+class Observed(NamedTuple):
+    """Where a composite observes guards."""
 
-    def __init__(self) -> None:
-        self.branch = 0  # index of the branch that is being compiled
-        self.guards: list[ObservedGuard] = []  # in document order
-        self.truth: list[bool | None] = []  # last known, by slot; None: not visited yet
-
-    def add(self, holds: Callable[[], bool]) -> int:
-        """Add a guard of the branch that is being compiled; return its index in `truth`."""
-        slot = len(self.guards)
-        self.guards.append(ObservedGuard(self.branch, slot, holds))
-        self.truth.append(None)
-        return slot
+    branch: int  # that is being compiled
+    guards: list[Guard]  # of the composite, in document order
 
 
 def ticks_of(seconds: float, step_s: SupportsFloat) -> int:
@@ -91,19 +83,17 @@ class Compiler:
         tick = self.compile(child, observed)
         return tick, partial(self._stop, first, len(self._running))
 
-    def children(self, node: Node, observed: Observed | None = None) -> list[tuple[Tick, Stop]]:
+    def children(self, node: Node, guards: list[Guard] | None = None) -> list[tuple[Tick, Stop]]:
         """The closures of children, and the functions that stop them.
 
-        `observed` collects their observed guards; None: their guards are not observed.
+        `guards` collects their observed guards; None: their guards are not observed.
         """
-        branches = []
-        for branch, child in enumerate(node.children):
-            if observed is not None:
-                observed.branch = branch
-            # No branch comes after the last one, so its guards are not observed.
-            last = branch == len(node.children) - 1
-            branches.append(self.child(child, None if last else observed))
-        return branches
+        # No branch comes after the last one, so its guards are not observed.
+        last = len(node.children) - 1
+        return [
+            self.child(child, None if guards is None or at == last else Observed(at, guards))
+            for at, child in enumerate(node.children)
+        ]
 
     def action(self, args: ActionArgs) -> Tick:
         """The function of an action."""
@@ -185,8 +175,8 @@ class Compiler:
 Maker: TypeAlias = Callable[[Compiler, Node, Observed | None], Tick]
 """Makes the tick function of a node.
 
-`Observed` collects the observed guards of the nearest composite above. It is None if the composite
-observes no guard of this branch.
+`Observed` has the guards of the nearest composite above. It is None if the composite observes no
+guard of this branch.
 """
 
 
