@@ -80,8 +80,8 @@ def test_format_keeps_short_forms() -> None:
 @pytest.mark.parametrize(
     ("text", "expected"),
     [
-        ("subtree go(a = 1, b) = Grasp\nGrasp", "defaults last"),
-        ("subtree go(a = bay) = retry a { Grasp }\nGrasp", "unknown constant 'bay'"),
+        ("subtree go(a = 1, b) = Grasp\nGrasp", "Expected ="),
+        ("subtree go(a = bay) = retry a { Grasp }\nuse go", "unknown constant 'bay'"),
         (f"{FETCH}use fetch(bay, 2, 3)", "takes 1 to 2 arguments, found 3"),
         ("retry battery { Grasp }", "one of tries"),
         ("wait mode { Grasp }", "one of battery, tries"),

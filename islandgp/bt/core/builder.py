@@ -10,7 +10,7 @@ keeps the meaning of the place where it is written.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Final
 
@@ -80,7 +80,6 @@ class Builder(NodeBuilder):
             errors: list to append errors of names and numbers to. None: raise the first one.
         """
         super().__init__(vocabulary, named=named)
-        self.definitions: list[tuple[str, Token]] = []  # of the last file: (kind, name)
         self.bodies: list[Node] = []  # of the last file's subtrees
         self._errors, self._marks, self.written = errors, marks, written
         self._comments: dict[tuple[str, int], Comments] = {}  # by the name and place in a text
@@ -92,7 +91,7 @@ class Builder(NodeBuilder):
         node = NO_TREE
         for part in parts:
             self.source, trees = part.source, part.tree.children
-            self.definitions, self.bodies, node = [], [], NO_TREE
+            self.bodies, node = [], NO_TREE
             if self._marks:
                 from islandgp.bt.core.comments import comments_in  # only for trees in files
 
@@ -106,9 +105,7 @@ class Builder(NodeBuilder):
         return node
 
     def _define(self, kind: str, name: Token, *parts: Any) -> None:
-        if name in (self.constants if kind == "constant" else self.subtrees):
-            raise self.source.error(name, f"{kind} {shown(name)} is defined twice", "a new name")
-        self.definitions.append((kind, name))
+        self._check_new(kind, name, self.constants if kind == "constant" else self.subtrees)
         if kind == "constant":
             self.number(parts[0])  # raises its errors
             word = Word(parts[0], self.source)
@@ -123,30 +120,19 @@ class Builder(NodeBuilder):
             if default
         }
         for at, parameter in enumerate(tokens):
-            if defaults and parameter not in {*defaults, *tokens[: -len(defaults)]}:
-                raise self.source.error(
-                    parameter,
-                    f"parameter {shown(parameter)} has no default, but one before it has",
-                    "the parameters with defaults last",
-                )
-            if parameter in tokens[:at]:
-                raise self.source.error(
-                    parameter,
-                    f"parameter {shown(parameter)} is defined twice",
-                    "a new name",
-                )
+            self._check_new("parameter", parameter, tokens[:at])
         self.values = {str(token): Word(token, self.source, open=True) for token in tokens}
         node = self._whole(body)
-        unused = [token for token in tokens if ("parameter", str(token)) not in self.used]
-        self.definitions += [("parameter", token) for token in unused]
-        self.used -= {("parameter", str(token)) for token in tokens}
         self.bodies.append(node)
         size, values = (self.nodes, self.levels), self.values
         template = Template([*values], defaults, body, self.source, node, size)
-        if defaults:
-            self.inside(body, self.source, {**values, **defaults}, 1, name)  # raises their errors
         self.subtrees[str(name)] = template
         self.values = {}
+
+    def _check_new(self, kind: str, name: Token, known: Collection[str]) -> None:
+        """Raises TreeError for a name that is already defined."""
+        if name in known:
+            raise self.source.error(name, f"{kind} {shown(name)} is defined twice", "a new name")
 
     def _whole(self, tree: Tree) -> Node:
         self.nodes = self.levels = 0
@@ -208,7 +194,6 @@ class Builder(NodeBuilder):
             expected = f"a subtree that is defined above: {listing(self.subtrees)}"
             word = Word(name, self.source)
             raise unknown(word, "subtree", self.subtrees, expected=expected, guess=guess)
-        self.used.add(("subtree", str(name)))
         template: Template = self.subtrees[name]
         parameters, arguments = template.parameters, given[0].children if given else []
         most, least = len(parameters), len(parameters) - len(template.defaults)
@@ -238,14 +223,8 @@ class Builder(NodeBuilder):
 
     def passed(self, argument: Any, parameter: str) -> Word:
         """The argument that is passed for a parameter; `parameter`: as messages call it."""
-        word = None
-        if getattr(argument, "type", "") == "NAME":
-            word = self.values.get(argument)
-        if word is None:
-            return Word(argument, self.source, parameter, values=self.values)
-        if word.open:
-            self.used.add(("parameter", word.text))
-        return word
+        word = self.values.get(argument) if getattr(argument, "type", "") == "NAME" else None
+        return word or Word(argument, self.source, parameter, values=self.values)
 
     def inside(
         self, tree: Tree, source: Source, values: Mapping[str, Word], level: int, name: Token

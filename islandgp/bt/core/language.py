@@ -7,7 +7,8 @@ text raises a `TreeError` quickly.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterator
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from functools import cache
 from itertools import pairwise
 from pathlib import Path
@@ -67,7 +68,8 @@ def parse(
         LimitError: the text is too long, or the tree too deep or too large for any
             limit on trees.
     """
-    return _build(Builder(vocabulary, marks=marked), text, name, folder)
+    parts = files_of(text, vocabulary, name=name, folder=folder)
+    return _built(Builder(vocabulary, marks=marked), parts)
 
 
 def tree_errors(
@@ -79,7 +81,8 @@ def tree_errors(
     """
     errors: list[TreeError] = []
     try:
-        _build(Builder(vocabulary, errors=errors), text, name, folder)
+        parts = files_of(text, vocabulary, name=name, folder=folder)
+        _built(Builder(vocabulary, errors=errors), parts)
     except TreeError as error:
         errors.append(error)
     return list({str(error): error for error in errors}.values())
@@ -114,14 +117,20 @@ def parse_placed(
 
     `named`: numbers of constants and parameters are printed by their names.
     """
-    builder = Builder(vocabulary, marks=True, named=named)
-    node = _build(builder, text, name, folder)
-    unused = [
-        (kind, token.line, token.column, str(token))
-        for kind, token in builder.definitions
-        if (kind, str(token)) not in builder.used
-    ]
-    return PlacedTree(node, list(_places(node, name)), unused)
+    parts = files_of(text, vocabulary, name=name, folder=folder)
+    node = _built(Builder(vocabulary, marks=True, named=named), parts)
+    return PlacedTree(node, list(_places(node, name)), list(_unused(parts[-1].tree)))
+
+
+def _unused(file: Any) -> Iterator[tuple[str, int, int, str]]:
+    """The definitions of a lark.Tree whose names do not occur again: (kind, line, column, name)."""
+    for part in (file, *file.find_data("subtree")):
+        names = Counter(part.scan_values(lambda word: word.type == "NAME"))
+        kinds = ("constant", "subtree") if part is file else ("parameter",)
+        for defined in (each for kind in kinds for each in part.find_data(kind)):
+            name = defined.children[0]
+            if names[name] == 1:
+                yield str(defined.data), name.line, name.column, str(name)
 
 
 def _places(
@@ -178,9 +187,8 @@ def files_of(
     return parts
 
 
-def _build(builder: Builder, text: str, name: str, folder: Path | None) -> Node:
+def _built(builder: Builder, parts: Sequence[ParsedFile]) -> Node:
     """The tree of a text. Raises LimitError if its canonical text is too long for `parse`."""
-    parts = files_of(text, builder.vocabulary, name=name, folder=folder)
     node = builder.build(parts)
     source, tree = parts[-1]
     # Two lines a node, indented by two blanks a level; the words are those of the text.

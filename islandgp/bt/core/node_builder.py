@@ -68,7 +68,6 @@ class NodeBuilder:
         self.values: Mapping[str, Word] = {}  # the parameters that are known there
         self.constants: dict[str, Word] = {}  # those that are defined so far, with their numbers
         self.subtrees: dict[str, Any] = {}  # those that are defined so far
-        self.used: set[tuple[str, str]] = set()  # constants and parameters: (kind, name)
         self._keys = vocabulary.keys if vocabulary else {}
         self._named = named
         self._terms = self._operands = 0
@@ -81,8 +80,6 @@ class NodeBuilder:
         word = self.values.get(token) if token.type == "NAME" else None
         if word is None:
             word = Word(token, self.source, values=self.values)
-        elif word.open:
-            self.used.add(("parameter", str(token)))
         if word.type not in _FITS[place]:
             raise word.error(f"unexpected {shown(word.token)}", place)
         return word
@@ -93,7 +90,6 @@ class NodeBuilder:
         if word.type == "NAME" and not word.open:
             if word.text not in self.constants:
                 raise self._unknown_number(word)
-            self.used.add(("constant", word.text))
             word = self.constants[word.text]
         value = 1.0 if word.open else _plain_number(word)
         if not self._named:
