@@ -43,7 +43,6 @@ class SweepJob:
     supervisor: str
     seed: int
     choices: tuple[str, ...]  # its overrides except the seed, as key=value
-    generations: int
     command: str  # that runs this job alone
 
 
@@ -268,22 +267,7 @@ def identical_arms(sweep: Sweep) -> list[tuple[str, ...]]:
     return [tuple(names) for runs, names in groups.items() if runs and len(names) > 1]
 
 
-def sweep_note(sweep: Sweep, table: str, status: Status) -> str:
-    """The sweep's description in MLflow, in Markdown."""
-    seeds = sorted({job.seed for job in sweep.jobs})
-    arms = len(sweep.arms())
-    lines = [
-        indent(table, "    "),
-        "",
-        f"{len(sweep.jobs)} runs, {status.value.lower()}: {arms} arm{'s' * (arms != 1)},"
-        f" seeds {', '.join(map(str, seeds))}. ± is the standard deviation over runs; tiers have"
-        " the median generation of the first such robot, never counted as later than any.",
-        "",
-        *(f"    {command}" for command in sweep.commands),
-        "",
-    ]
-    states = {job: sweep.run(job).status() for job in sweep.jobs}
-    if unfinished := {job: s for job, s in states.items() if s is not Status.FINISHED}:
-        lines += ["## Not finished", ""]
-        lines += [f"- {j.folder} ({s.value.lower()}): `{j.command}`" for j, s in unfinished.items()]
-    return "\n".join([*lines, "", f"Records: `{sweep.path}`", ""])
+def sweep_note(sweep: Sweep, table: str) -> str:
+    """The sweep's description in MLflow, in Markdown: the table of its arms and its commands."""
+    blocks = [indent(table, "    "), *(f"    {command}" for command in sweep.commands)]
+    return "\n\n".join([*blocks, f"Records: `{sweep.path}`", ""])

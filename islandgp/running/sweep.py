@@ -4,17 +4,16 @@ from __future__ import annotations
 
 import os
 import sys
-from collections import Counter
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Callable, Hashable, Mapping, Sequence
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
-from time import time
 from typing import Any, Final
 
 from islandgp.atomic_files import remove_leftovers
 from islandgp.config.compose import Planned, is_choice
-from islandgp.config.settings import Settings, read_settings
+from islandgp.config.settings import Settings
 from islandgp.errors import BusyError, ConfigError, IslandError, RunError, brief
 from islandgp.evaluation.processes import cores, prepare_worker
 from islandgp.plugin import ComponentConfig
@@ -33,22 +32,6 @@ BASIC: Final = "hydra._internal.core_plugins.basic_launcher.BasicLauncher"
 """Hydra's default launcher: one job after the other."""
 
 
-@dataclass(frozen=True, slots=True)
-class SweepTask:
-    """One job of a sweep as plain values, which can be sent to its process."""
-
-    config: dict[str, Any]  # resolved
-    folder: Path
-    command: str  # that runs this job alone
-    home: Path  # working folder of the sweep's command
-    folders: tuple[Path, ...]  # of all jobs
-    generations: int  # of all jobs
-    before: int  # generations that existed at the start
-    started: float  # s since 1970
-    workers: int  # processes of an evaluator that leaves their number open; 0: all cores
-    launcher: str  # as from `kind_of`
-
-
 def kind_of(launcher: Mapping[str, Any]) -> str:
     """The kind of a launcher: basic, processes, slurm or local (Slurm's jobs on this machine).
 
@@ -65,25 +48,27 @@ def kind_of(launcher: Mapping[str, Any]) -> str:
     return str(kind)
 
 
-def launch(tasks: Sequence[SweepTask], launcher: Mapping[str, Any], folder: Path) -> None:
-    """Runs the jobs and waits for them; `folder` is for files of Slurm's jobs.
+def launch(
+    work: Callable[[Planned], None], jobs: Sequence[Planned], launcher: Mapping[str, Any]
+) -> None:
+    """Does the work of each job and waits; the files of Slurm's jobs are beside the runs.
 
     Raises:
         Exception: of the launcher; those of a job are in its folder.
     """
     kind = kind_of(launcher)
     if kind == "basic":
-        for task in tasks:
-            run_job(task)
+        for job in jobs:
+            work(job)
     elif kind == "processes":
-        _in_processes(tasks, jobs_at_once(launcher, len(tasks)))
+        _in_processes(work, jobs, jobs_at_once(launcher, len(jobs)))
     else:
         from submitit import AutoExecutor
 
-        executor = AutoExecutor(folder / ".submitit" / "%j", cluster=kind)
+        executor = AutoExecutor(jobs[0].folder.parent / ".submitit" / "%j", cluster=kind)
         executor.update_parameters(**{k: v for k, v in launcher.items() if k != "cluster"})
-        for job in executor.map_array(run_job, tasks):
-            job.results()
+        for started in executor.map_array(work, jobs):
+            started.results()
 
 
 def jobs_at_once(launcher: Mapping[str, Any], jobs: int) -> int:
@@ -92,50 +77,56 @@ def jobs_at_once(launcher: Mapping[str, Any], jobs: int) -> int:
     return min(jobs, n if n > 0 else max(1, cores() + 1 + n))
 
 
-def _in_processes(tasks: Sequence[SweepTask], n: int) -> None:
+def _in_processes(work: Callable[[Planned], None], jobs: Sequence[Planned], n: int) -> None:
     from loky import ProcessPoolExecutor
 
     pool = ProcessPoolExecutor(n, initializer=prepare_worker, initargs=(os.getpid(),))
     try:
-        for future in [pool.submit(run_job, task) for task in tasks]:
+        for future in [pool.submit(work, job) for job in jobs]:
             future.result()
     finally:
         pool.shutdown(kill_workers=True)
 
 
-def run_job(task: SweepTask) -> None:
-    """Runs a job. Its folder has the result or the error, which must not end the other jobs."""
+def run_job(job: Planned, *, home: Path, folders: Sequence[Path], workers: int) -> None:
+    """Runs a job. Its folder has the result or the error, which must not end the other jobs.
+
+    Args:
+        job: with the folder that was chosen for it.
+        home: working folder of the sweep's command.
+        folders: of all jobs.
+        workers: processes of an evaluator that leaves their number open; 0: all cores.
+    """
     with tolerant_stderr(), as_ctrl_c("SIGTERM", "SIGHUP"):
-        settings, target = read_settings(task.config), RunFolder(task.folder)
-        runs = map(RunFolder, task.folders)
-        if not settings.keep_going and any(each.error() for each in runs):
+        run = RunFolder(job.folder)
+        if not job.settings.keep_going and any(RunFolder(each).error() for each in folders):
             return
-        shown = settings.progress != "off"
-        if shown:
-            print(sweep_line(task), file=sys.stderr, flush=True)
         try:
-            adapted = _adapted(settings, task)
-            run_one(adapted, task.config, task.folder, home=task.home, command=task.command)
+            adapted = _adapted(job, workers)
+            run_one(adapted, job.config, job.folder, home=home, command=job.command)
         except BusyError as error:  # another process has the folder, so nothing is written
             print(f"islandgp: {error}", file=sys.stderr)
         except Exception as error:
-            if not target.error():  # the run ended before it could write the error
-                target.fail(error)
+            if not run.error():  # the run ended before it could write the error
+                run.fail(error)
         finally:
-            if shown:
-                print(job_line(target), file=sys.stderr, flush=True)
+            if job.settings.progress != "off":
+                done = sum(RunFolder(each).finished() for each in folders)
+                line = f"{done} of {len(folders)} jobs done: {job_line(run)}"
+                print(line, file=sys.stderr, flush=True)
 
 
-def _adapted(settings: Settings, task: SweepTask) -> Settings:
-    """The settings, adapted to the launcher; the recorded configuration is unchanged."""
+def _adapted(job: Planned, workers: int) -> Settings:
+    """The job's settings, adapted to its launcher; the recorded configuration is unchanged."""
+    settings, kind = job.settings, kind_of(job.launcher)
     changes: dict[str, Any] = {}
     if settings.resume == "never":
         changes["resume"] = "auto"  # the sweep has chosen its new folder
-    if task.launcher in ("processes", "local"):  # their tables would be mixed
+    if kind in ("processes", "local"):  # their tables would be mixed
         changes["progress"] = "off"
-    if task.workers and settings.evaluator.policy.get("workers") == 0:
-        changes["evaluator"] = _with_policy(settings.evaluator, "workers", task.workers)
-    if task.launcher in ("basic", "processes") and "patience" in settings.tracking.policy:
+    if workers and settings.evaluator.policy.get("workers") == 0:
+        changes["evaluator"] = _with_policy(settings.evaluator, "workers", workers)
+    if kind in ("basic", "processes") and "patience" in settings.tracking.policy:
         # The job need not wait for its tracker, which goes on in the background.
         changes["tracking"] = _with_policy(settings.tracking, "patience", 0)
     return settings.model_copy(update=changes)
@@ -143,28 +134,6 @@ def _adapted(settings: Settings, task: SweepTask) -> Settings:
 
 def _with_policy(part: ComponentConfig, key: str, value: int) -> ComponentConfig:
     return part.model_copy(update={"policy": {**part.policy, key: value}})
-
-
-def sweep_line(task: SweepTask) -> str:
-    """A line with the numbers of finished, running and failed jobs, and the time left.
-
-    The job of the task counts as running, unless it is finished.
-    """
-    runs = [RunFolder(folder) for folder in task.folders]
-    states = Counter(
-        Status.RUNNING if run.path == task.folder and not run.finished() else run.status()
-        for run in runs
-    )
-    generations = sum(run.completed_generations() for run in runs)
-    line = (
-        f"sweep {', '.join(dict.fromkeys(run.path.parent.name for run in runs))}:"
-        f" {states[Status.FINISHED]} of {len(runs)} done, {states[Status.RUNNING]} running,"
-        f" {states[Status.FAILED]} failed, generation {generations} of {task.generations}"
-    )
-    if generations == task.before:
-        return line
-    a_generation = (time() - task.started) / (generations - task.before)
-    return f"{line}, {duration(a_generation * (task.generations - generations))} left"
 
 
 def _unfinished(run: RunFolder) -> str:
@@ -188,19 +157,6 @@ def job_line(run: RunFolder) -> str:
     return f"{run.path.name}: {robot}, {emerged}, {duration(s['seconds'])}"
 
 
-@dataclass(frozen=True, slots=True)
-class _Job:
-    """A job, and its entry in the file of its sweep."""
-
-    planned: Planned
-    entry: SweepJob
-
-    @property
-    def run(self) -> RunFolder:
-        """The folder of its run."""
-        return RunFolder(self.planned.folder.with_name(self.entry.folder))
-
-
 def run_sweep(planned: Sequence[Planned], command: str, home: Path) -> int:
     """Runs the jobs; a command that sweeps over `name` has several sweeps.
 
@@ -214,11 +170,12 @@ def run_sweep(planned: Sequence[Planned], command: str, home: Path) -> int:
     """
     kind_of(planned[0].launcher)
     _must_differ(planned)
-    jobs = [_job(each) for each in planned]
-    by_folder: dict[Path, list[SweepJob]] = {}
-    for job in jobs:
-        by_folder.setdefault(job.planned.folder.parent, []).append(job.entry)
-    if runs := supervised_runs(job.settings for job in planned):
+    jobs, by_folder = list[Planned](), dict[Path, list[SweepJob]]()
+    for each in planned:
+        entry = _entry(each)
+        by_folder.setdefault(each.folder.parent, []).append(entry)
+        jobs.append(replace(each, folder=each.folder.with_name(entry.folder)))
+    if runs := supervised_runs(job.settings for job in jobs):
         from islandgp.supervision.llm.budget import costs  # only with a language model
 
         echo(costs(runs))
@@ -247,18 +204,17 @@ def run_sweep(planned: Sequence[Planned], command: str, home: Path) -> int:
     return _report(jobs)
 
 
-def _job(planned: Planned) -> _Job:
-    config = planned.config
-    entry = SweepJob(
-        slot=planned.folder.name,
-        folder=choose(RunFolder(planned.folder), planned.settings, redacted(config)).path.name,
+def _entry(job: Planned) -> SweepJob:
+    """The job in the file of its sweep, with the folder of its run."""
+    config = job.config
+    return SweepJob(
+        slot=job.folder.name,
+        folder=choose(RunFolder(job.folder), job.settings, redacted(config)).path.name,
         supervisor=str(config["supervisor"]["name"]),
         seed=int(config["seed"]),
-        choices=tuple(without_credentials(o) for o in planned.overrides if is_choice(o)),
-        generations=int(config["gp"]["generations"]),
-        command=planned.command,
+        choices=tuple(without_credentials(o) for o in job.overrides if is_choice(o)),
+        command=job.command,
     )
-    return _Job(planned, entry)
 
 
 def _must_differ(jobs: Sequence[Planned]) -> None:
@@ -282,31 +238,21 @@ def _frozen(value: Any) -> Hashable:
     return tuple(map(_frozen, value)) if isinstance(value, list) else value
 
 
-def _launch(jobs: Sequence[_Job], home: Path) -> None:
+def _launch(jobs: Sequence[Planned], home: Path) -> None:
     """Launches the jobs. Raises RunError if the launcher has not started any job."""
-    runs, launcher = [job.run for job in jobs], jobs[0].planned.launcher
+    runs, launcher = [RunFolder(job.folder) for job in jobs], jobs[0].launcher
     for run in runs:
         (run.path / "error.txt").unlink(missing_ok=True)
-    before, started = sum(run.completed_generations() for run in runs), time()
     at_once = jobs_at_once(launcher, len(jobs))
-    tasks = [
-        SweepTask(
-            config=job.planned.config,
-            folder=job.run.path,
-            command=job.planned.command,
-            home=home,
-            folders=tuple(run.path for run in runs),
-            generations=sum(each.entry.generations for each in jobs),
-            before=before,
-            started=started,
-            workers=max(1, cores() // at_once) if at_once > 1 else 0,
-            launcher=kind_of(launcher),
-        )
-        for job in jobs
-    ]
+    work = partial(
+        run_job,
+        home=home,
+        folders=[run.path for run in runs],
+        workers=max(1, cores() // at_once) if at_once > 1 else 0,
+    )
     existed = [run.begun() for run in runs]
     try:
-        launch(tasks, launcher, jobs[0].planned.folder.parent)
+        launch(work, jobs, launcher)
     except IslandError:
         raise
     except Exception as error:
@@ -318,30 +264,31 @@ def _launch(jobs: Sequence[_Job], home: Path) -> None:
         print(f"islandgp: the launcher failed ({brief(error)})", file=sys.stderr)
 
 
-def _send(jobs: Sequence[_Job], folders: Sequence[Path], home: Path) -> None:
+def _send(jobs: Sequence[Planned], folders: Sequence[Path], home: Path) -> None:
     """Sends the final states of the jobs and of the sweep to the tracking store."""
     from islandgp.tracking.mlflow import MLflow, send_sweeps
 
-    parts = [job.planned.settings.tracking for job in jobs]
+    parts = [job.settings.tracking for job in jobs]
     trackers = [MLflow.make(p.settings(), home) for p in parts if p.factory is MLflow]
     if trackers and (message := send_sweeps(folders, trackers)):
         print(message, file=sys.stderr)
 
 
-def _report(jobs: Sequence[_Job]) -> int:
+def _report(jobs: Sequence[Planned]) -> int:
     """Lists the jobs that are not finished, or got too many fallbacks; returns the exit code."""
-    if bad := [job for job in jobs if not job.run.finished()]:
+    runs = [RunFolder(job.folder) for job in jobs]
+    if bad := [(job, run) for job, run in zip(jobs, runs, strict=True) if not run.finished()]:
         print(f"\n{len(bad)} of {len(jobs)} jobs not finished:", file=sys.stderr)
-        for job in bad:
-            run = job.run
+        for job, run in bad:
             print(f"\n  {run.path.name}: {_unfinished(run)}", file=sys.stderr)
             if run.error():
                 print(f"    error:  {run.path / 'error.txt'}", file=sys.stderr)
-            print(f"    again:  {job.entry.command}", file=sys.stderr)
+            print(f"    again:  {job.command}", file=sys.stderr)
         return 1
-    if bad := [job for job in jobs if is_mostly_fallback(job.run.summary())]:
-        print(f"\nislandgp: in {len(bad)} of {len(jobs)} jobs {MOSTLY_FALLBACK}", file=sys.stderr)
-        for job in bad:
-            print(f"  {job.run.path.name}", file=sys.stderr)
+    if mostly := [run.path.name for run in runs if is_mostly_fallback(run.summary())]:
+        print(
+            f"\nislandgp: in {len(mostly)} of {len(jobs)} jobs {MOSTLY_FALLBACK}", file=sys.stderr
+        )
+        print("\n".join(f"  {name}" for name in mostly), file=sys.stderr)
         return 3
     return 0

@@ -200,7 +200,7 @@ def send_sweep(sweep: Sweep, store: Store, status: Status) -> None:
         records = (sweep.path / job.folder / "generations.jsonl" for job in sweep.jobs)
         times = [int(1000 * path.stat().st_mtime) for path in records if path.exists()]
         client.set_terminated(run, status, max(times, default=sweep.started))
-        client.set_tag(run, "mlflow.note.content", sweep_note(sweep, table, status))
+        client.set_tag(run, "mlflow.note.content", sweep_note(sweep, table))
         client.log_text(run, table, "arms.txt")
         client.log_artifact(run, str(sweep.path / "sweep.json"))
         for job in sweep.jobs:

@@ -182,7 +182,7 @@ def test_a_printed_name_selects_an_arm(tmp_path: Path) -> None:
             change = {"rewards__events__interaction__base": value}
             fake_run(seed=seed, folder=tmp_path / folder, generations=4, **change)
             choices = ("supervisor=expert", f"rewards.events.interaction.base={value}")
-            jobs.append(SweepJob(folder, folder, "expert", seed, choices, 41, ""))
+            jobs.append(SweepJob(folder, folder, "expert", seed, choices, ""))
     file = Sweep(tmp_path, "0", 1, (), tuple(jobs))
     write_sweep(file)
     runs = find([tmp_path])

@@ -59,7 +59,7 @@ def test_processes_give_the_same_records(tmp_path: Path, monkeypatch: pytest.Mon
     output = sweep(tmp_path / "local", "hydra/launcher=local", "hydra.launcher.n_jobs=2")
     assert records(tmp_path / "local") == records(tmp_path / "basic")
     assert len(records(tmp_path / "basic")) == 2
-    assert "sweep smoke: 0 of 2 done, 1 running, 0 failed" in output
+    assert "2 of 2 jobs done: " in output
     assert "generation       best" not in output  # no job shows its own table
 
 

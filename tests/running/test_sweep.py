@@ -17,7 +17,7 @@ from islandgp.errors import ConfigError
 from islandgp.records.sweep import Sweep, read_sweep
 from islandgp.running import sweep as sweep_run
 from islandgp.running.app import main
-from islandgp.running.sweep import BASIC, SweepTask, run_sweep
+from islandgp.running.sweep import BASIC, run_sweep
 from tests.composed import composed, named
 from tests.profiles import examples
 from tests.running.commands import TINY, fake
@@ -137,9 +137,9 @@ def test_a_launcher_that_breaks_down_is_reported(
     """Once a job has begun, with the jobs that are not finished; by processes: test_launchers."""
     jobs = jobs_of(tmp_path, "seed=0,1")
 
-    def launch(tasks: list[SweepTask], *_: object) -> None:
-        tasks[0].folder.mkdir()
-        (tasks[0].folder / "config.yaml").write_text("{}")
+    def launch(_: object, jobs: list[Planned], *_others: object) -> None:
+        jobs[0].folder.mkdir()
+        (jobs[0].folder / "config.yaml").write_text("{}")
         raise OSError("a worker was killed")
 
     monkeypatch.setattr(sweep_run, "launch", launch)
