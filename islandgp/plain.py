@@ -10,7 +10,7 @@ from contextlib import suppress
 from functools import cache
 from typing import Annotated, Any, Final, NoReturn, TypeVar, cast
 
-from pydantic import AfterValidator, BeforeValidator, TypeAdapter, ValidationError
+from pydantic import AfterValidator, BeforeValidator, PlainSerializer, TypeAdapter, ValidationError
 
 from islandgp.gate import cleaned_values
 
@@ -133,17 +133,12 @@ def _without_dataclasses(value: Any) -> Any:
     return field_values(value) if hasattr(value, "__dataclass_fields__") else value
 
 
-def nan_to_none(value: Any) -> Any:
-    """The values with each NaN replaced by None, as JSON has no NaN."""
-    if isinstance(value, dict):
-        return {key: nan_to_none(each) for key, each in value.items()}
-    if isinstance(value, list | tuple):
-        return [nan_to_none(each) for each in value]
-    return None if isinstance(value, float) and math.isnan(value) else value
-
-
-NanAsNull = Annotated[float, BeforeValidator(lambda value: math.nan if value is None else value)]
-"""The type of a number that is null in JSON if it is NaN (`nan_to_none`)."""
+NanAsNull = Annotated[
+    float,
+    BeforeValidator(lambda value: math.nan if value is None else value),
+    PlainSerializer(lambda value: None if math.isnan(value) else value),
+]
+"""The type of a number that is null in JSON if it is NaN."""
 
 
 def _validated(kind: Any, text: bytes, context: Any = None) -> Any:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import asdict, replace
+from dataclasses import replace
 from functools import cache
 from typing import Any, Final
 
@@ -30,8 +30,8 @@ CLASSES: Final = Classes(**yaml.safe_load(_PAPER.read_text(encoding="utf-8")))
 
 def best_of(champion: Champion, validation: Validation | None = None) -> Best:
     """A best robot that was not shortened."""
-    record = asdict(champion.record)
-    return Best(champion.generation, record, champion.record.tree, champion.record.tree, validation)
+    record = champion.record
+    return Best(champion.generation, record, record.tree, record.tree, validation)
 
 
 ANY: Final = "patrol"  # component that holds a fitness whose terms do not matter

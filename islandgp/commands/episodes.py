@@ -46,7 +46,7 @@ from islandgp.compare.champions import compared, episode_frame
 from islandgp.domain import Outcome, Schema
 from islandgp.evolution.prune import LEAST_EPISODES, Keep, PruneResult, prune
 from islandgp.evolution.validation import fresh_worlds
-from islandgp.plain import nan_to_none
+from islandgp.plain import to_json
 from islandgp.records.folder import RunFolder
 from islandgp.records.values import in_lines
 from islandgp.scoring.classes import specialist, tiers
@@ -86,9 +86,9 @@ def play_command(files: tuple[str, ...], seeds: int, as_json: bool, options: Dom
     if len(files) > 1:
         table = episode_frame(range(len(files)), outcomes, settings.classes, settings.constraints)
         frame = compared(table).assign(name=[*map(display_name, files)])
-        rows = frame.to_dict("records")
+        rows = frame.astype(object).where(frame.notna(), None).to_dict("records")
     if as_json:
-        click.echo(json.dumps(nan_to_none(rows), indent=2))
+        click.echo(json.dumps(rows, indent=2))
         return
     console = standard_output()
     if len(files) == 1:
@@ -172,7 +172,7 @@ def explain_command(
     with task.trials(worlds) as trials:
         usages = with_losses(usage(task.problem.run(task.stage), tree, seeds), tree, trials, seeds)
     if as_json:
-        click.echo(json.dumps(nan_to_none([asdict(u) for u in usages]), indent=2))
+        click.echo(json.dumps([to_json(u) for u in usages], indent=2))
     elif as_text:
         click.echo(with_subtrees(explained(tree, usages)), nl=False)
     else:

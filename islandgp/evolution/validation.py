@@ -13,11 +13,12 @@ from dataclasses import dataclass, replace
 from itertools import count, islice
 from statistics import fmean
 from types import MappingProxyType
-from typing import Any, Final
+from typing import Final
 
 from islandgp.domain import Outcome
 from islandgp.evaluation.base import Evaluator, evaluated
 from islandgp.evolution.candidates import Candidate
+from islandgp.gp.record import IndividualRecord
 from islandgp.gp.selection import halved
 from islandgp.plain import NanAsNull
 from islandgp.scoring.classes import Classes, tiers
@@ -77,7 +78,7 @@ class Best:
     """A run's best robot."""
 
     generation: int
-    record: Mapping[str, Any]  # the individual's, as plain values
+    record: IndividualRecord  # of the individual, with the tree before it was shortened
     tree: str  # canonical text, shortened
     text: str  # the tree with comments on its branches
     validation: Validation | None  # of the tree in worlds that chose nothing; None: not validated

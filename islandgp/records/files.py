@@ -16,14 +16,13 @@ from pydantic import Field
 
 from islandgp.atomic_files import reading, write_atomic
 from islandgp.errors import RunError
-from islandgp.evolution.validation import FrontTree, Validation
+from islandgp.evolution.validation import Best
 from islandgp.gate import MAX_BYTES, check_length, opened
 from islandgp.gp.archive import ArchiveSettings
-from islandgp.gp.record import Champion, Cost, GenerationRecord, IndividualRecord
+from islandgp.gp.record import Champion, Cost, GenerationRecord
 from islandgp.plain import validate_json
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.curriculum import Curriculum
-from islandgp.scoring.explain import NodeUsage
 
 
 def dump(value: Any) -> str:
@@ -87,23 +86,10 @@ class Lines:
 
 
 @dataclass(frozen=True, slots=True)
-class _Best:
-    generation: int
-    record: IndividualRecord  # with the tree before it was shortened
-    tree: str  # canonical text
-    text: str  # with comments
-    validation: Validation | None
-    front: tuple[FrontTree, ...]  # the shortest first; (): it was not shortened
-    changes: tuple[str, ...]
-    chosen_in: tuple[int, ...]  # worlds
-    usage: tuple[NodeUsage, ...] = ()  # by node of the tree; (): it was not explained
-
-
-@dataclass(frozen=True, slots=True)
 class RunSummary:
-    """The fields of summary.json that are read."""
+    """Content of summary.json."""
 
-    champion: _Best
+    champion: Best
     fittest: Champion  # the individual with the highest fitness in training
     first: dict[str, int | None]  # by milestone
     answers: dict[str, int]
@@ -116,6 +102,7 @@ class RunSummary:
     constraints: str | None = None  # in words; None: there are none
     nothing_works: str = ""  # a sentence on what no individual has ever achieved
     learned: tuple[str, ...] = ()  # sentences on what the search has found out
+    stopped: str = ""  # the target of `stop` that ended the run
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,7 +25,7 @@ from islandgp.atomic_files import reading, remove_leftovers, usable, write_atomi
 from islandgp.errors import BusyError, IslandError, RunError, brief
 from islandgp.gate import check_folder, cleaned_values, read_bytes, read_text
 from islandgp.gp.record import GenerationRecord, RunState, Step, record_values
-from islandgp.plain import from_json, from_plain, validate_json
+from islandgp.plain import from_json, from_plain, to_json, validate_json
 from islandgp.records import files, manifest
 from islandgp.records.archive_file import NAME as ARCHIVE
 from islandgp.records.archive_file import ArchiveFile
@@ -252,7 +252,7 @@ class RunFolder:
             return int(self.summary()["generations"])
         return generation_of(self._checkpoint)
 
-    def finish(self, summary: dict[str, Any], archive: ArchiveFile | None = None) -> None:
+    def finish(self, summary: RunSummary, archive: ArchiveFile | None = None) -> None:
         """Writes archive, lineage, manifest and summary, and removes the checkpoint.
 
         Raises:
@@ -269,16 +269,17 @@ class RunFolder:
                 )
             # As they are what this run wrote, they need no other check.
             records = map(json.loads, present.splitlines())
-            champion, tree = summary["champion"], summary["champion"]["record"]["tree"]
+            best = summary.champion
             contents = {
-                "best.bt": self.best_text(champion["text"]).encode(),
+                "best.bt": self.best_text(best.text).encode(),
                 "lineage.csv": files.lineage_table(records),
-                **({} if champion["tree"] == tree else {LONG: self.best_text(tree).encode()}),
                 **({} if archive is None else {ARCHIVE: archive.to_bytes()}),
             }
+            if best.tree != best.record.tree:
+                contents[LONG] = self.best_text(best.record.tree).encode()
             for name, content in contents.items():
                 write_atomic(self.path / name, content)
-            end = pretty(summary)
+            end = pretty(to_json(summary))
             manifest.write_manifest(self.path, end)
             write_atomic(self.path / "summary.json", end)
             self._checkpoint.unlink(missing_ok=True)

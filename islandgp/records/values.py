@@ -206,9 +206,8 @@ def reached(champion: Mapping[str, Any]) -> Iterator[str]:
 def constrained(summary: Mapping[str, Any]) -> Iterator[str]:
     """A sentence on the feasibility of the best robot; none without constraints."""
     v = summary["champion"]["validation"]
-    if "constraints" not in summary:
+    if not (limits := summary.get("constraints")):
         return
-    limits = summary["constraints"]
     if v is None or v.get("feasible") is None:
         yield f"Constraints ({limits}): not tried in other worlds"
         return

@@ -26,6 +26,8 @@ from islandgp.evolution.validation import (
     validation_seeds,
 )
 from islandgp.gp.evidence import SHRINKAGE
+from islandgp.gp.record import IndividualRecord
+from islandgp.plain import from_plain
 from islandgp.records.folder import RunFolder
 from islandgp.scoring.explain import NodeUsage, explained, usage, with_losses
 from islandgp.statistics import mean_interval
@@ -117,7 +119,9 @@ def best_robot(
     record = next(target.records(winner.generation))
     return Best(
         winner.generation,
-        next(i for i in record["individuals"] if i["id"] == winner.id),
+        from_plain(
+            IndividualRecord, next(i for i in record["individuals"] if i["id"] == winner.id)
+        ),
         to_text(best),
         with_subtrees(explained(named, usages) if usages else named),
         _tested(settings, history, best, vocabulary, outcomes, test_worlds),

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict
 from time import monotonic
 from typing import Any, Final, Literal
 
@@ -13,11 +12,11 @@ import yaml
 
 from islandgp.config.settings import Settings
 from islandgp.domain import total
-from islandgp.evolution.validation import Best, Validation
+from islandgp.evolution.validation import Best
 from islandgp.gp.record import Step
 from islandgp.installed import conf_folders
-from islandgp.plain import nan_to_none
 from islandgp.plugin import imported
+from islandgp.records.files import RunSummary
 from islandgp.records.folder import RunFolder
 from islandgp.records.values import (
     answers,
@@ -125,8 +124,8 @@ MOSTLY_FALLBACK: Final = (
 
 def summary(
     settings: Settings, history: RunRecords, last: Step, best: Best, learned: Sequence[str]
-) -> dict[str, Any]:
-    """The content of summary.json.
+) -> RunSummary:
+    """The summary of a run.
 
     Args:
         settings: of the run.
@@ -137,46 +136,25 @@ def summary(
     """
     sources, snapshots, classes = answers(history.decisions), history.snapshots, settings.classes
     limit = settings.supervisor.policy.get("most_fallback")  # None: there is no fallback
-    failure = nothing_works(history, classes, settings.rewards)
-    optional = {
-        "constraints": in_words(settings.constraints) if settings.constraints else "",
-        "nothing_works": failure,
-        "learned": list(learned),
-        "stopped": last.stopped,
-    }
-    return {
-        "champion": {
-            "generation": best.generation,
-            "record": dict(best.record),
-            "tree": best.tree,
-            "text": best.text,
-            "validation": None if best.validation is None else _plain(best.validation),
-            "front": nan_to_none([asdict(tree) for tree in best.front]),
-            "changes": list(best.changes),
-            "usage": nan_to_none([asdict(usage) for usage in best.usage]),
-            "chosen_in": list(best.chosen_in),
-        },
-        "fittest": asdict(last.champion),
-        "first": {
+    return RunSummary(
+        champion=best,
+        fittest=last.champion,
+        first={
             tier: next((s["generation"] for s in snapshots if s["tiers"][tier]), None)
             for tier in classes.milestones
         },
-        "final_fitness_max": snapshots[-1]["fitness_max"],
-        "final_fitness_mean": snapshots[-1]["fitness_mean"],
-        "mean_diversity": total(s["diversity"] for s in snapshots) / len(snapshots),
-        "generations": len(snapshots),
-        "answers": sources,
-        "mostly_fallback": limit is not None and fallback_share(sources) > limit,
-        "seconds": round(history.seconds, 3),
-        **{key: value for key, value in optional.items() if value},
-    }
-
-
-def _plain(validation: Validation) -> dict[str, Any]:
-    """As JSON values, without the fields of constraints if there are none."""
-    plain = nan_to_none(asdict(validation))
-    without = () if validation.feasible is not None else ("violation", "feasible")
-    return {name: value for name, value in plain.items() if name not in without}
+        answers=sources,
+        mostly_fallback=limit is not None and fallback_share(sources) > limit,
+        final_fitness_max=snapshots[-1]["fitness_max"],
+        final_fitness_mean=snapshots[-1]["fitness_mean"],
+        mean_diversity=total(s["diversity"] for s in snapshots) / len(snapshots),
+        generations=len(snapshots),
+        seconds=round(history.seconds, 3),
+        constraints=in_words(settings.constraints) if settings.constraints else None,
+        nothing_works=nothing_works(history, classes, settings.rewards),
+        learned=tuple(learned),
+        stopped=last.stopped,
+    )
 
 
 def report(target: RunFolder, costs: Sequence[Mapping[str, Any]]) -> str:
@@ -191,7 +169,7 @@ def report(target: RunFolder, costs: Sequence[Mapping[str, Any]]) -> str:
     )
     return "\n".join(
         (
-            *filter(None, (s.get("nothing_works"),)),
+            *filter(None, (s["nothing_works"],)),
             best_robot(s["champion"]),
             *reached(s["champion"]),
             *comparisons(s["champion"]),
@@ -205,7 +183,7 @@ def report(target: RunFolder, costs: Sequence[Mapping[str, Any]]) -> str:
             f"Results: {target.path}",
             "",
             s["champion"]["text"].rstrip(),
-            *(["", *in_lines(s["learned"])] if s.get("learned") else []),
+            *(["", *in_lines(s["learned"])] if s["learned"] else []),
             "",
         )
     )
@@ -218,7 +196,7 @@ def proposals(settings: Settings, summary: Mapping[str, Any]) -> Iterator[str]:
     the reason, or "". `stuck` is True if nothing works or a milestone was never reached. After a
     run with such a search, no other search is proposed.
     """
-    stuck = bool(summary.get("nothing_works")) or None in summary["first"].values()
+    stuck = bool(summary["nothing_works"]) or None in summary["first"].values()
     if stuck and not settings.start:
         yield "Perhaps `start=FILE.bt`: your own tree in generation 0, which evolution improves."
     if hasattr(settings.search.factory, "suits"):

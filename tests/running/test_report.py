@@ -42,6 +42,6 @@ def test_a_broken_plug_in_proposes_nothing(tmp_path: Path, monkeypatch: pytest.M
         (tmp_path / f"search/{name}.yaml").write_text(text)
     monkeypatch.setattr("islandgp.running.report.conf_folders", lambda: (tmp_path,))
     settings = compose("supervisor=baseline").settings
-    lines = [*proposals(settings, {"first": {"complete": None}})]
+    lines = [*proposals(settings, {"first": {"complete": None}, "nothing_works": ""})]
     assert [line[:23] for line in lines] == ["Perhaps `start=FILE.bt`"]
-    assert [*proposals(settings, {"first": {"complete": 3}})] == []
+    assert [*proposals(settings, {"first": {"complete": 3}, "nothing_works": ""})] == []

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import yaml
 
@@ -13,7 +12,7 @@ from islandgp.evolution.validation import Best, Validation
 from islandgp.gp.archive import archive_record
 from islandgp.gp.record import Step
 from islandgp.records.archive_file import ArchiveFile
-from islandgp.records.files import RunMetadata
+from islandgp.records.files import RunMetadata, RunSummary
 from islandgp.records.folder import RunFolder
 from islandgp.running.report import summary
 from islandgp.supervision.baseline import Baseline, BaselineSettings
@@ -87,13 +86,13 @@ def archive(last: Step) -> ArchiveFile:
     return ArchiveFile(plan.vocabulary.domain, dict(axes), floor, *figures, last.archive)
 
 
-def finished(folder: RunFolder, last: Step, validation: Validation | None = None) -> dict[str, Any]:
+def finished(folder: RunFolder, last: Step, validation: Validation | None = None) -> RunSummary:
     """The summary of a run; without a validation it chose its champion in no other worlds."""
     best = best_of(last.champion, validation)
     return summary_of(folder, last, best)
 
 
-def summary_of(folder: RunFolder, last: Step, best: Best) -> dict[str, Any]:
+def summary_of(folder: RunFolder, last: Step, best: Best) -> RunSummary:
     """The summary of a run with the settings of these tests."""
     settings = composed(*SMALL)
     return summary(settings, read_history(folder), last, best, ())
