@@ -23,36 +23,24 @@ TYPE_CHECKING = False  # not from typing: its import takes time before signals a
 if TYPE_CHECKING:
     from typing import Any
 
-    from islandgp.binding import NodeStatus, RobotTree, Tree, load_tree
-    from islandgp.bt.core.language import parse, to_text
-    from islandgp.errors import IslandError, TreeError
-    from islandgp.experiment import Experiment, compose, run
-    from islandgp.gp.population import Advice
-    from islandgp.gp.record import GenerationRecord
-    from islandgp.results import Results, load
-    from islandgp.seeding import Streams
+    from islandgp.binding import NodeStatus as NodeStatus
+    from islandgp.binding import RobotTree as RobotTree
+    from islandgp.binding import Tree as Tree
+    from islandgp.binding import load_tree as load_tree
+    from islandgp.bt.core.language import parse as parse
+    from islandgp.bt.core.language import to_text as to_text
+    from islandgp.errors import IslandError as IslandError
+    from islandgp.errors import TreeError as TreeError
+    from islandgp.experiment import Experiment as Experiment
+    from islandgp.experiment import compose as compose
+    from islandgp.experiment import run as run
+    from islandgp.gp.population import Advice as Advice
+    from islandgp.gp.record import GenerationRecord as GenerationRecord
+    from islandgp.results import Results as Results
+    from islandgp.results import load as load
+    from islandgp.seeding import Streams as Streams
 
     __version__: str
-
-__all__ = [
-    "Advice",
-    "Experiment",
-    "GenerationRecord",
-    "IslandError",
-    "NodeStatus",
-    "Results",
-    "RobotTree",
-    "Streams",
-    "Tree",
-    "TreeError",
-    "__version__",
-    "compose",
-    "load",
-    "load_tree",
-    "parse",
-    "run",
-    "to_text",
-]
 
 _NAMES = {
     "binding": "NodeStatus RobotTree Tree load_tree",
@@ -67,6 +55,8 @@ _NAMES = {
 """The public names of each module."""
 
 _HOMES = {name: f"islandgp.{module}" for module, names in _NAMES.items() for name in names.split()}
+
+__all__ = [*_HOMES, "__version__"]
 
 
 def __getattr__(name: str) -> Any:

@@ -17,45 +17,62 @@ from islandgp.installed import added, load_command, summary
 from islandgp.running.console import as_ctrl_c, exit_code
 
 COMMANDS: Final = {
-    "run": ("evolve trees: the same as python -m islandgp", "experiment=smoke"),
-    "check": ("report errors and warnings for tree files", "tree.bt"),
-    "fmt": ("format tree files", "tree.bt"),
-    "show": ("draw a tree", "tree.bt"),
-    "simplify": ("shorten a tree without changing its behaviour", "tree.bt"),
-    "prune": ("shorten a tree as far as its fitness allows", "tree.bt -o short.bt"),
-    "explain": ("show what each branch of a tree does and is worth", "tree.bt"),
-    "diff": ("compare two trees", "tree.bt other.bt"),
-    "domain": ("show what a domain declares, or check its contract", "island --check"),
-    "play": ("run a tree in worlds of its domain", "tree.bt --seeds 20"),
-    "replay": ("write an episode as a page to watch in a browser", "tree.bt -o tree.html"),
-    "export": ("turn a tree into JSON, BehaviorTree.CPP XML or py_trees", "tree.bt -o tree.xml"),
-    "grammar": ("print a domain's language for constrained decoding", "--format gbnf -o tree.gbnf"),
-    "import": ("turn JSON or BehaviorTree.CPP XML into a tree", "tree.xml"),
-    "watch": ("open the page of a run, which is updated during the run", "runs/default/a-run"),
-    "best": ("select the best tree of a run again, in unseen worlds", "runs/default/a-run"),
-    "compare": ("compare arms of runs: tables, figures, statistics", "--arm a=search=racing"),
-    "estimate": ("estimate the costs of supervision by a language model", "supervisor=llm"),
-    "transcript": ("show the questions to a language model and its answers", "runs/default/a-run"),
-    "verify": ("compare runs with the checksums of their records", "runs/default"),
-    "delete": ("delete a run on disk and in MLflow", "runs/default/a-run"),
-    "sync": ("send missing records to the tracking server", "runs/default"),
-    "new": ("make a folder with a robot of your own that runs at once", "my_robot"),
-    "examples": ("list the example trees, or print one", "all_rounder"),
-    "ui": ("start the MLflow UI and print the address of the right page", "--open"),
+    "run": ("runs", "evolve trees: the same as python -m islandgp", "experiment=smoke"),
+    "check": ("check", "report errors and warnings for tree files", "tree.bt"),
+    "fmt": ("trees", "format tree files", "tree.bt"),
+    "show": ("trees", "draw a tree", "tree.bt"),
+    "simplify": ("trees", "shorten a tree without changing its behaviour", "tree.bt"),
+    "prune": ("episodes", "shorten a tree as far as its fitness allows", "tree.bt -o short.bt"),
+    "explain": ("episodes", "show what each branch of a tree does and is worth", "tree.bt"),
+    "diff": ("trees", "compare two trees", "tree.bt other.bt"),
+    "domain": ("domain", "show what a domain declares, or check its contract", "island --check"),
+    "play": ("episodes", "run a tree in worlds of its domain", "tree.bt --seeds 20"),
+    "replay": (
+        "episodes",
+        "write an episode as a page to watch in a browser",
+        "tree.bt -o tree.html",
+    ),
+    "export": (
+        "trees",
+        "turn a tree into JSON, BehaviorTree.CPP XML or py_trees",
+        "tree.bt -o tree.xml",
+    ),
+    "grammar": (
+        "trees",
+        "print a domain's language for constrained decoding",
+        "--format gbnf -o tree.gbnf",
+    ),
+    "import": ("trees", "turn JSON or BehaviorTree.CPP XML into a tree", "tree.xml"),
+    "watch": (
+        "runs",
+        "open the page of a run, which is updated during the run",
+        "runs/default/a-run",
+    ),
+    "best": (
+        "comparisons",
+        "select the best tree of a run again, in unseen worlds",
+        "runs/default/a-run",
+    ),
+    "compare": (
+        "comparisons",
+        "compare arms of runs: tables, figures, statistics",
+        "--arm a=search=racing",
+    ),
+    "estimate": ("runs", "estimate the costs of supervision by a language model", "supervisor=llm"),
+    "transcript": (
+        "runs",
+        "show the questions to a language model and its answers",
+        "runs/default/a-run",
+    ),
+    "verify": ("runs", "compare runs with the checksums of their records", "runs/default"),
+    "delete": ("runs", "delete a run on disk and in MLflow", "runs/default/a-run"),
+    "sync": ("stores", "send missing records to the tracking server", "runs/default"),
+    "new": ("new", "make a folder with a robot of your own that runs at once", "my_robot"),
+    "examples": ("trees", "list the example trees, or print one", "all_rounder"),
+    "ui": ("stores", "start the MLflow UI and print the address of the right page", "--open"),
 }
-"""A line and the arguments of an example for each command."""
-
-MODULES: Final = {
-    "comparisons": "best compare",
-    "check": "check",
-    "trees": "fmt show simplify diff export import grammar examples",
-    "episodes": "play explain prune replay",
-    "domain": "domain",
-    "runs": "run estimate watch verify delete transcript",
-    "stores": "sync ui",
-    "new": "new",
-}
-"""The commands of each module of `islandgp.commands`; the function of `a` is `a_command`."""
+"""For each command: its module of `islandgp.commands`, where the function of `a` is `a_command`, a
+line on it, and the arguments of an example."""
 
 
 def of_distributions() -> dict[str, str]:
@@ -78,10 +95,10 @@ class Lazy(click.Group):
                 return added_command
             kind = type(added_command).__name__
             raise IslandError(f"{name}: expected a command of Click, found a {kind}")
-        home = next(module for module, names in MODULES.items() if name in names.split())
-        module = import_module(f"islandgp.commands.{home}")
-        command: click.Command = getattr(module, f"{name}_command")
-        command.epilog = f"\b\nExample:\n  islandgp {name} {COMMANDS[name][1]}"
+        module, _, example = COMMANDS[name]
+        home = import_module(f"islandgp.commands.{module}")
+        command: click.Command = getattr(home, f"{name}_command")
+        command.epilog = f"\b\nExample:\n  islandgp {name} {example}"
         return command
 
     def resolve_command(
@@ -98,7 +115,7 @@ class Lazy(click.Group):
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         """Write the table of commands without importing them."""
         with formatter.section("Commands"):
-            formatter.write_dl([(name, line) for name, (line, _) in COMMANDS.items()])
+            formatter.write_dl([(name, line) for name, (_, line, _) in COMMANDS.items()])
         if others := of_distributions():
             with formatter.section("Commands of other distributions"):
                 formatter.write_dl(list(others.items()))
@@ -123,7 +140,8 @@ def main() -> None:
 
 def _main() -> int:
     try:
-        return islandgp.main(prog_name="islandgp", standalone_mode=False) or 0
+        words = sys.argv[1:] or ["--help"]
+        return islandgp.main(words, prog_name="islandgp", standalone_mode=False) or 0
     except click.ClickException as error:
         raise IslandError(one_line(error)) from None
     except click.Abort:

@@ -148,22 +148,6 @@ def configured_domains(config_dir: str | Path | None) -> list[str]:
     return sorted(domain_files(config_dir))
 
 
-def domain_file(name: str, options: DomainOptions) -> Path:
-    """The configuration file of a domain; for "", of the domain chosen by the options.
-
-    Raises ConfigError if there is none.
-    """
-    overrides = [word.lstrip("+").partition("=") for word in options.overrides]
-    named = [value for key, _, value in overrides if key == "domain"]
-    name = name or (named[-1] if named else default_domain())
-    files = domain_files(options.config_dir)
-    if name not in files:
-        from islandgp.config.errors import unknown_option
-
-        raise ConfigError(unknown_option("domain", name, sorted(files)))
-    return files[name]
-
-
 def default_domain() -> str:
     """The default domain of commands."""
     import yaml

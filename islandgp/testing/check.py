@@ -80,9 +80,9 @@ class Check:
             yield "The other promises are checked as soon as the episode of a tree runs."
             return
         if lacking := self.unreached():
-            yield f"\nNot reached by any of {self.trees_run} trees (no failure without --strict):"
+            yield f"\nNot reached by any of {self.trees_run} trees:"
             yield from (f"  {line}" for line in lacking)
-            yield "A tree that reaches them can be added: islandgp domain NAME --check TREE.bt"
+            yield "A tree in a .bt file beside the domain's module is run as well."
         if shared := self.shared():
             yield "\nActions that seem to share a resource; declare it as their `uses` if they do:"
             yield from (f"  {line}" for line in shared)

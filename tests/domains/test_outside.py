@@ -155,16 +155,17 @@ def test_a_counter_may_be_measured(example: Path) -> None:
     sys.modules.pop("measured", None)
 
 
-def test_a_domains_file_is_printed(
-    example: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+@pytest.mark.usefixtures("example")
+def test_a_domains_file_is_named(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    """`islandgp domain NAME --yaml`: a file to begin with, also where there is only a wheel."""
+    """`islandgp domain NAME`: a file to begin with, also where there is only a wheel."""
     islandgp = shell(monkeypatch, capsys)
-    shipped = (resource("conf") / "domain/cartpole.yaml").read_text(encoding="utf-8")
-    assert islandgp("domain", "cartpole", "--yaml").out == shipped
-    text = (example / "conf/domain/pick_place.yaml").read_text(encoding="utf-8")
-    assert islandgp("domain", "pick_place", "--yaml", "--config-dir", "conf").out == text
-    refused = islandgp("domain", "cartpol", "--yaml")
+    shipped = resource("conf") / "domain/cartpole.yaml"
+    assert f"configured in {shipped}" in islandgp("domain", "cartpole").out
+    own = islandgp("domain", "pick_place", "--config-dir", "conf").out
+    assert own.startswith("Domain pick_place, configured in conf/domain/pick_place.yaml\n")
+    refused = islandgp("domain", "cartpol")
     assert (refused.code, refused.out) == (2, "")
     assert "did you mean cartpole?" in refused.err
 

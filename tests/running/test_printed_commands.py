@@ -32,7 +32,6 @@ EXECUTED: Final = {
     "islandgp domain {} --json": "domain island --json",
     "islandgp domain --json": "domain --json",
     "islandgp domain NAME --json": "domain island --json",
-    "islandgp domain NAME --check TREE": "domain cartpole --check tree.bt",
     "islandgp export TREE --to json": "export tree.bt --to json",
     "islandgp fmt": "fmt tree.bt",
     "islandgp examples NAME prints one": "examples all_rounder",

@@ -19,7 +19,7 @@ def test_each_help_ends_with_an_example_that_the_command_takes(
 ) -> None:
     """Its options exist, and its words are as many as it expects."""
     result = islandgp(name, "--help")
-    example = f"islandgp {name} {COMMANDS[name][1]}".rstrip()
+    example = f"islandgp {name} {COMMANDS[name][2]}".rstrip()
     assert result.out.rstrip().splitlines()[-1].strip() == example
     monkeypatch.chdir(tmp_path)
     for file in ("tree.bt", "other.bt", "tree.xml", "robot.yaml"):
@@ -27,7 +27,13 @@ def test_each_help_ends_with_an_example_that_the_command_takes(
     Path("runs/default/a-run").mkdir(parents=True)
     command = cli.islandgp.get_command(click.Context(cli.islandgp), name)
     assert command is not None
-    command.make_context(name, shlex.split(COMMANDS[name][1]))  # raises what is wrong
+    command.make_context(name, shlex.split(COMMANDS[name][2]))  # raises what is wrong
+
+
+def test_no_words_show_the_help(islandgp: Cli) -> None:
+    """As --help does, with exit code 0."""
+    assert islandgp() == islandgp("--help")
+    assert islandgp().out.startswith("Usage: islandgp")
 
 
 @pytest.mark.parametrize(
