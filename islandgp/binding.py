@@ -20,7 +20,7 @@ from pathlib import Path
 from threading import Lock
 from typing import Any, Final, Self
 
-from islandgp.bt.core.engine import ABORTED, compile_tree
+from islandgp.bt.core.engine import ABORTED
 from islandgp.bt.core.language import domain_of, domain_place, parse
 from islandgp.bt.core.node import (
     AGAIN,
@@ -39,7 +39,7 @@ from islandgp.bt.core.source import Source, closest, plain
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Key, Vocabulary
 from islandgp.errors import DomainError, OtherDomainError
 from islandgp.installed import domain_class, domain_files
-from islandgp.leaves import Leaf, LeafRunner, arguments_of, is_number, number_of
+from islandgp.leaves import Leaf, arguments_of, compile_leaves, is_number, number_of
 from islandgp.plugin import defined_in, short_repr
 from islandgp.text_files import read_text_file
 
@@ -239,16 +239,10 @@ class RobotTree:
 
     def _start(self) -> None:
         """Compiles the tree, so that the next tick starts it."""
-        self._runners: list[LeafRunner] = []
-
-        def runner_of(args: ActionArgs) -> LeafRunner:
-            leaf, vocabulary = self._leaves[args.name], self.tree.words
-            self._runners.append(LeafRunner(args, leaf, vocabulary, self._board, self._places))
-            return self._runners[-1]
-
-        self._tick = compile_tree(
+        self._tick, self._runners = compile_leaves(
             self.tree.node,
-            runner_of,
+            self._leaves,
+            self.tree.words,
             self._board,
             self._places,
             watch=self._watch,

@@ -17,7 +17,8 @@ from numbers import Real
 from types import SimpleNamespace
 from typing import Any, Final, TypeAlias
 
-from islandgp.bt.core.node import RUNNING, SUCCESS, ActionArgs
+from islandgp.bt.core.engine import compile_tree
+from islandgp.bt.core.node import RUNNING, SUCCESS, ActionArgs, Node
 from islandgp.bt.core.parameters import bound, referenced
 from islandgp.bt.core.vocabulary import Key, Vocabulary
 from islandgp.errors import DomainError
@@ -144,6 +145,32 @@ class LeafRunner:
             number = number_of(value, self._vocabulary.keys[key], subject)
             if key in self._places:
                 self._board[self._places[key]] = number
+
+
+def compile_leaves(
+    tree: Node,
+    leaves: Mapping[str, Leaf],
+    vocabulary: Vocabulary,
+    board: MutableSequence[float],
+    places: Mapping[str, int],
+    log: Any = None,
+    **options: Any,
+) -> tuple[Callable[[], int], list[LeafRunner]]:
+    """The tick of a tree with functions as its leaves, and the runners that it can leave running.
+
+    Args:
+        tree: with actions of `leaves`.
+        leaves: the function of each action.
+        vocabulary: as of `LeafRunner`, like `board`, `places` and `log`.
+        options: of `compile_tree`.
+    """
+    runners: list[LeafRunner] = []
+
+    def runner_of(args: ActionArgs) -> LeafRunner:
+        runners.append(LeafRunner(args, leaves[args.name], vocabulary, board, places, log))
+        return runners[-1]
+
+    return compile_tree(tree, runner_of, board, places, **options), runners
 
 
 def number_of(value: object, key: Key | None, subject: str, source: object = None) -> float:

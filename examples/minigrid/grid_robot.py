@@ -8,7 +8,7 @@ from functools import cache
 from typing import TYPE_CHECKING, Any, Final
 
 from grid_memory import Memory
-from islandgp.domain import EventLog, Scene, once_a_thread, png
+from islandgp.domain import EventLog, Scene, png
 
 if TYPE_CHECKING:
     from grid_world import Levels
@@ -35,9 +35,9 @@ def levels() -> dict[str, str]:
     return names
 
 
-@once_a_thread
+@cache
 def environment(level: str) -> Any:
-    """Creates the environment of a level; all episodes of a thread share it and reset it.
+    """Creates the environment of a level; all episodes of a process share it and reset it.
 
     Observations are switched off: `memory` computes the same view forty times as fast.
     """

@@ -50,5 +50,4 @@ from islandgp.domain.sensors import SensorFaults as SensorFaults
 from islandgp.domain.sensors import Sensors as Sensors
 from islandgp.domain.simulator import Simulation as Simulation
 from islandgp.domain.simulator import SimulatorDomain as SimulatorDomain
-from islandgp.domain.simulator import once_a_thread as once_a_thread
 from islandgp.leaves import Leaf as Leaf

@@ -18,45 +18,18 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from copy import copy
-from functools import cache, wraps
 from math import isfinite
 from operator import ge, le
-from threading import local
-from typing import Any, ClassVar, ParamSpec, Protocol, Self, TypeVar
+from typing import Any, ClassVar, Protocol, Self
 
 from pydantic import BaseModel
 
-from islandgp.bt.core.engine import compile_tree
-from islandgp.bt.core.node import ActionArgs, Node
+from islandgp.bt.core.node import Node
 from islandgp.domain.checks import must_be_numbers, no_ending
 from islandgp.domain.contract import Observer, Outcome, Schema, wants_scenes
 from islandgp.domain.rewards import EventLog, RewardTable
 from islandgp.domain.sensors import SensorFaults
-from islandgp.leaves import Leaf, LeafRunner
-
-P = ParamSpec("P")
-T = TypeVar("T")
-
-
-def once_a_thread(make: Callable[P, T]) -> Callable[P, T]:
-    """Caches a factory per thread, e.g. of a simulator that threads cannot share.
-
-    Args:
-        make: the factory; its arguments are hashable.
-
-    Returns:
-        A function that calls `make` once per thread and arguments.
-    """
-    of_thread = local()
-
-    @wraps(make)
-    def cached(*args: P.args, **named: P.kwargs) -> T:
-        if not hasattr(of_thread, "make"):
-            of_thread.make = cache(make)
-        value: T = of_thread.make(*args, **named)
-        return value
-
-    return cached
+from islandgp.leaves import Leaf, compile_leaves
 
 
 class Simulation(Protocol):
@@ -149,17 +122,9 @@ class SimulatorDomain:
         board = [initial.get(place, 0.0) for place in range(len(key_index))]
         sensed = {n: key for n, key in vocabulary.keys.items() if not key.writable}
         places = [key_index[name] for name in sensed]
-        runners: list[LeafRunner] = []
-
-        def runner_of(args: ActionArgs) -> LeafRunner:
-            leaf = leaves[args.name]
-            runners.append(LeafRunner(args, leaf, vocabulary, board, key_index, log))
-            return runners[-1]
-
         watch = None if observer is None else observer.node
-        tick = compile_tree(
-            tree, runner_of, board, key_index, watch=watch, step_s=self.step_s, seed=seed
-        )
+        options = {"watch": watch, "step_s": self.step_s, "seed": seed}
+        tick, runners = compile_leaves(tree, leaves, vocabulary, board, key_index, log, **options)
         read, see = self.reader(episode), None
         if self.faults is not None:
             see = self.faults.sensors(sensed, seed)

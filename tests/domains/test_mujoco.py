@@ -2,20 +2,15 @@
 
 from __future__ import annotations
 
-import sys
 from importlib.util import find_spec
 from pathlib import Path
 from types import SimpleNamespace
 
 import pytest
 
-from islandgp.domain import RewardTable
-from islandgp.domains.gymnasium.domain import Gymnasium
-from islandgp.domains.gymnasium.world import GymnasiumWorld
-from islandgp.errors import ConfigError
 from islandgp.experiment import compose
 from islandgp.testing import check_domain
-from tests.composed import composed, plain
+from tests.composed import composed
 from tests.trees.shell import Cli, shell
 
 pytest.importorskip("gymnasium", reason="extra `gymnasium` is not installed")
@@ -67,29 +62,3 @@ def test_a_page_has_frames_with_a_backend(
     )
     assert ('"frames":["' in page.read_text(encoding="utf-8")) == bool(backend)
     assert quality.shadowsize == (0 if backend else 4096)
-
-
-@pytest.mark.parametrize(
-    ("fault", "backend", "remedy"),
-    [
-        ('MuJoCo is not installed, run `pip install "gymnasium[mujoco]"`', "", "islandgp[mujoco]"),
-        ("'NoneType' object has no attribute 'glGetError'", "osmesa", "MUJOCO_GL=osmesa here"),
-    ],
-)
-def test_why_mujoco_cannot_be_imported(
-    monkeypatch: pytest.MonkeyPatch, fault: str, backend: str, remedy: str
-) -> None:
-    """One line with the remedy."""
-
-    def environment(*_: object) -> None:
-        raise AttributeError(fault)
-
-    monkeypatch.setenv("MUJOCO_GL", backend)
-    monkeypatch.delitem(sys.modules, "mujoco", raising=False)
-    monkeypatch.setattr("islandgp.domains.gymnasium.domain.find_spec", lambda _: object())
-    world = GymnasiumWorld.model_validate(plain("domain=swimmer")["world"])
-    monkeypatch.setattr("islandgp.domains.gymnasium.domain.environment", environment)
-    domain = Gymnasium(world, RewardTable(events={}))
-    with pytest.raises(ConfigError) as excinfo:
-        domain.environment(render=False)
-    assert remedy in str(excinfo.value)

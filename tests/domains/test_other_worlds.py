@@ -6,10 +6,8 @@ import json
 import re
 import shlex
 from collections.abc import Sequence
-from concurrent.futures import ThreadPoolExecutor
 from functools import cache
 from pathlib import Path
-from typing import Any
 from xml.etree import ElementTree
 
 import pytest
@@ -17,7 +15,6 @@ import pytest
 from islandgp.bt.core.language import parse
 from islandgp.config.settings import read_settings
 from islandgp.domain import Domain, Scene
-from islandgp.domains.gymnasium.domain import environment as gymnasium_environment
 from islandgp.errors import ConfigError, IslandError
 from islandgp.evaluation.base import Job
 from islandgp.evaluation.processes import Processes
@@ -210,19 +207,6 @@ def test_processes_run_an_environment() -> None:
         assert evaluator.evaluate([job]) == Serial(problem).evaluate([job])
     finally:
         evaluator.close()
-
-
-def test_each_thread_has_its_environments() -> None:
-    """A supervisor may run episodes in a thread while the evaluator runs others."""
-
-    def env() -> Any:
-        return gymnasium_environment("CartPole-v1", "{}", False)
-
-    with ThreadPoolExecutor(1) as other:
-        other_env = other.submit(env).result()
-        assert other.submit(env).result() is other_env
-    assert env() is env()
-    assert env() is not other_env
 
 
 def test_actions_are_checked_once(monkeypatch: pytest.MonkeyPatch) -> None:

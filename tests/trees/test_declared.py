@@ -96,25 +96,25 @@ selector {
     ("text", "message"),
     [
         ("", "expected JSON of"),
-        ("[]", "the file: input should be a dictionary"),
-        ('{"domain": "d"}', "actions: field required"),
-        ('{"actions": {}}', "domain: field required"),
+        ("[]", "Expected a dictionary or an instance of Vocabulary for "),
+        ('{"domain": "d"}', "Expected a value as actions of "),
+        ('{"actions": {}}', "Expected a value as domain of "),
         ('{"domain": "a b", "actions": {}}', "found 'a b'"),
         (
             '{"domain": "d", "actions": {"A": {"statuses": ["DONE"]}}}',
-            "actions.A.statuses: expected statuses among FAILURE, SUCCESS and RUNNING",
+            "Expected statuses among FAILURE, SUCCESS and RUNNING as actions.A.statuses of ",
         ),
         (
             '{"domain": "d", "actions": {"A": {"to_start": [["x", "~", 1]]}}}',
-            "actions.A.to_start.0: expected one of <, <=,",
+            "as actions.A.to_start.0 of ",
         ),
         (
             '{"domain": "d", "actions": {}, "keys": {"k": {"low": "1"}}}',
-            "keys.k.low: expected a finite number",
+            "Expected a finite number as keys.k.low of ",
         ),
         (
             '{"domain": "d", "actions": {"A": {"meanin": "acts"}}}',
-            "actions.A.meanin: unexpected keyword argument",
+            "Expected no such field as actions.A.meanin of ",
         ),
         ('{"domain": "d", "actions": {}, "keys": {"k": {"low": NaN}}}', "expected JSON of"),
         ("<root/>", "expected a <TreeNodesModel> with actions"),
@@ -230,9 +230,11 @@ def test_another_default_of_a_flag_is_refused(default: str) -> None:
     """The message has the place, the value that was found and those that are expected."""
     with pytest.raises(DomainError) as refused:
         declared(FLAG % default, "", name="v.json")
-    assert str(refused.value).startswith(
-        f"v.json: actions.Go.arguments.fast: expected a default of no | yes, found {default};"
+    message = str(refused.value)
+    assert message.startswith(
+        "Expected a default of no | yes as actions.Go.arguments.fast of v.json,"
     )
+    assert message.endswith(f", found {default}.")
 
 
 def test_a_flag_has_the_words_no_and_yes() -> None:

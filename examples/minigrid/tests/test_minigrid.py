@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import re
 import shlex
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -15,7 +14,7 @@ import pytest
 
 pytest.importorskip("minigrid", reason="minigrid is not installed")
 
-from grid_robot import GridRobot, environment
+from grid_robot import GridRobot
 from grid_world import Levels
 from islandgp.bt.core.language import parse
 from islandgp.config.compose import only_job
@@ -68,15 +67,6 @@ def test_commands_on_a_tree(islandgp: Cli, tmp_path: Path, monkeypatch: pytest.M
     assert '"frames":["iVBOR' in page.read_text(encoding="utf-8").replace(" ", "")
     assert islandgp("export", "by_hand.bt", "-o", file, *options).code == 0
     assert "GoToKey" in file.read_text(encoding="utf-8")
-
-
-def test_each_thread_has_its_environments() -> None:
-    """A supervisor may run episodes in a thread while the evaluator runs others."""
-    with ThreadPoolExecutor(1) as other:
-        other_env = other.submit(environment, "Empty-5x5").result()
-        assert other.submit(environment, "Empty-5x5").result() is other_env
-    assert environment("Empty-5x5") is environment("Empty-5x5")
-    assert environment("Empty-5x5") is not other_env
 
 
 class _Silent:

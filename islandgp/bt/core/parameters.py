@@ -346,6 +346,13 @@ Arguments: TypeAlias = Mapping[
 ]
 
 
+PLAINER: Final = {
+    "field required": "a value",
+    "unexpected keyword argument": "no such field",
+}
+"""What is expected, for messages of pydantic that say what is wrong."""
+
+
 def validated(kind: Any, value: Any, where: str, context: Any = None) -> Any:
     """Validate declarations with their annotations.
 
@@ -369,9 +376,8 @@ def validated(kind: Any, value: Any, where: str, context: Any = None) -> Any:
             where = where.format(at.pop(0) if at else "NAME")
         if at[:1] == ["arguments"] and at[1:]:
             where, at = f"the argument {at[1]} of {where}", at[2:]
-        expected, _, found = re.sub("^(expected|input should be) ", "", message).partition(
-            ", found "
-        )
+        plainer = re.sub("^(expected|input should be) ", "", PLAINER.get(message, message))
+        expected, _, found = plainer.partition(", found ")
         field = f"as {'.'.join(at)} of" if at else "for"
         found = found or f"{value!r:.60}"
         raise DomainError(f"Expected {expected} {field} {where}, found {found}.") from None

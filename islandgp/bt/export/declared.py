@@ -14,23 +14,13 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Final
 
-from pydantic import ValidationError
-
 from islandgp.bt.core import parameters
 from islandgp.bt.core.arithmetic import Named
 from islandgp.bt.core.condition import FLAG_OPERATORS, terms
 from islandgp.bt.core.language import domain_of, parse
 from islandgp.bt.core.node import Args, CountArgs, GuardArgs, SecondsArgs, SetArgs, keys_of, walk
 from islandgp.bt.core.node_builder import MAX_NUMBER
-from islandgp.bt.core.parameters import (
-    Parameter,
-    adapter,
-    first_fault,
-    is_name,
-    real,
-    switch,
-    whole,
-)
+from islandgp.bt.core.parameters import Parameter, is_name, real, switch, validated, whole
 from islandgp.bt.core.source import shown
 from islandgp.bt.core.vocabulary import NAME, Action, Key, Vocabulary, condition_leaf, enumeration
 from islandgp.bt.export.cpp_importer import GATES
@@ -162,13 +152,8 @@ def _schema(text: str, name: str) -> Vocabulary:
     try:
         plain = read_json(text.removeprefix("\ufeff"))
         declaration = plain.get("vocabulary", plain) if isinstance(plain, dict) else plain
-        return adapter(Vocabulary).validate_python(declaration)  # type: ignore[no-any-return]
-    except ValidationError as error:
-        path, reason, _ = first_fault(error)
-        at = ".".join(path) or "the file"
-        raise DomainError(f"{name}: {at:.100}: {reason}; see `islandgp domain --json`.") from None
-    except DomainError as error:
-        raise DomainError(f"{name}: {error}") from None
+        where = f"{name}, the JSON of `islandgp domain NAME --json`"
+        return validated(Vocabulary, declaration, where)  # type: ignore[no-any-return]
     except (ValueError, TypeError):  # not JSON; a list in the place of a name
         raise DomainError(
             f"{name}: the file: expected JSON of `islandgp domain NAME --json`, or"

@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import os
-import sys
 import warnings
 from collections.abc import Callable, Iterator, Mapping
-from functools import cached_property
+from functools import cache, cached_property
 from importlib.util import find_spec
 from json import dumps, loads
 from math import isfinite
@@ -14,16 +13,7 @@ from typing import Any, ClassVar, Final, Self
 
 from pydantic import BaseModel
 
-from islandgp.domain import (
-    EventLog,
-    Key,
-    Leaf,
-    RewardTable,
-    Scene,
-    SimulatorDomain,
-    once_a_thread,
-    png,
-)
+from islandgp.domain import EventLog, Key, Leaf, RewardTable, Scene, SimulatorDomain, png
 from islandgp.domain.checks import must_be_numbers
 from islandgp.domains.gymnasium import world as settings
 from islandgp.domains.gymnasium.spaces import Spaces
@@ -33,9 +23,9 @@ OUTER_WRAPPERS: Final = ("TimeLimit", "OrderEnforcing", "PassiveEnvChecker")
 """Wrappers that are removed: `ticks` replaces the time limit, and the others only check calls."""
 
 
-@once_a_thread
+@cache
 def environment(name: str, options: str, render: bool) -> Any:
-    """Creates an environment; all episodes of a thread share it and reset it.
+    """Creates an environment; all episodes of a process share it and reset it.
 
     Args:
         name: as for `gymnasium.make`.
@@ -86,7 +76,7 @@ class Gymnasium(SimulatorDomain):
         return domain
 
     def environment(self, *, render: bool) -> Any:
-        """The environment of this thread. Raises ConfigError if it cannot be created.
+        """The environment of this process. Raises ConfigError if it cannot be created.
 
         Args:
             render: True if frames are needed; MuJoCo's environments have some with MUJOCO_GL only,
@@ -102,7 +92,7 @@ class Gymnasium(SimulatorDomain):
                 return plain
             rendered = environment(world.environment, dumps(world.options), True)
         except Exception as error:  # Gymnasium and environments raise anything
-            reason = _import_fault(str(error)) or " ".join(str(error).split())
+            reason = " ".join(str(error).split())
             raise ConfigError(
                 f"world.environment: expected one that gymnasium.make knows, found"
                 f" {world.environment!r}: {reason}"
@@ -123,17 +113,7 @@ class Gymnasium(SimulatorDomain):
         return episode.reader(self.schema.vocabulary.keys)
 
 
-def _import_fault(message: str) -> str:
-    """The reason why MuJoCo cannot be imported, by the error's message; "" for other errors."""
-    if "gymnasium[mujoco]" in message:
-        return "it needs the package mujoco; install it with pip install 'islandgp[mujoco]'"
-    backend = os.environ.get("MUJOCO_GL")
-    if backend and find_spec("mujoco") and "mujoco" not in sys.modules:
-        return f"MuJoCo has no backend MUJOCO_GL={backend} here; unset it, or install its library"
-    return ""
-
-
-@once_a_thread
+@cache
 def _spaces(env: Any) -> Spaces:
     return Spaces.of(env, "the environment")
 
