@@ -79,7 +79,7 @@ def distilled() -> Distilled:
         format=1,
         teacher="me",
         target=Answer(answer="charging", cases=1),
-        rate=Question(feature="diversity.now", at_most=0.5, yes=ends[0], no=ends[1]),
+        rate=Question(feature="diversity", at_most=0.5, yes=ends[0], no=ends[1]),
         report={},
     )
     expert = make_supervisor(composed("supervisor=expert"), None)
