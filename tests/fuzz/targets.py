@@ -52,7 +52,7 @@ from islandgp.supervision.replay import Replay, ReplaySettings
 from islandgp.viewer.page import page
 from tests.fuzz.inputs import as_json, swapped, swaps, texts, values
 from tests.llm.samples import DECISION as DECIDED
-from tests.llm.samples import PROPOSAL, advise, answering, context, settings, supervisor
+from tests.llm.samples import PROPOSAL, advise, answering, context, outcome, settings, supervisor
 from tests.tracking.folders import closed_run
 from tests.viewer.episodes import small
 
@@ -183,7 +183,7 @@ def answer(data: bytes) -> bool:
     for reply in (message, Reply(text, "end_turn", None), Reply(text, "max_tokens", None)):
         if isinstance(reply, Reply):
             for check in CHECKS:
-                checked = check(reply)
+                checked = outcome(check, reply)
                 accepted |= isinstance(checked, Accepted)
                 repr(checked).encode()
         else:

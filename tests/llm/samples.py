@@ -13,6 +13,7 @@ from islandgp.scoring.generation_stats import GenerationStats
 from islandgp.scoring.state import PopulationState
 from islandgp.seeding import Stream, stream
 from islandgp.supervision.base import Guidance, RunContext
+from islandgp.supervision.llm.answers import Accepted, Check, Rejection
 from islandgp.supervision.llm.message import Failure, FailureKind, Reply, Request, Usage
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.supervisor import LLM
@@ -202,3 +203,11 @@ def advise(llm: LLM, at: PopulationState | None = None) -> Guidance:
     return llm.advise(
         population_state, stream(0, Stream.SUPERVISION, generation=population_state.now.generation)
     )
+
+
+def outcome(check: Check, reply: Reply) -> Accepted | Rejection:
+    """What a check says of an answer."""
+    try:
+        return check(reply)
+    except Rejection as rejection:
+        return rejection

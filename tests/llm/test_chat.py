@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,8 +13,8 @@ from islandgp.running.app import main
 from islandgp.supervision.llm import client
 from islandgp.supervision.llm.answers import (
     Accepted,
+    Check,
     DecisionAnswer,
-    Rejection,
     check_decision,
     check_proposal,
     proposal_model,
@@ -23,7 +22,7 @@ from islandgp.supervision.llm.answers import (
 )
 from islandgp.supervision.llm.message import Reply
 from tests.llm.chat_server import ChatServer
-from tests.llm.samples import context, settings, state
+from tests.llm.samples import context, outcome, settings, state
 from tests.trees.test_grammar import masked_walks
 
 SMALL = (
@@ -135,7 +134,7 @@ def test_every_answer_of_the_grammar_is_accepted() -> None:
     targets = state().targets
     tree = tree_grammar(vocabulary, 4, children=4, in_json=True)
     limits = rates
-    checks: dict[type[BaseModel], Callable[[Reply], Accepted | Rejection]] = {
+    checks: dict[type[BaseModel], Check] = {
         DecisionAnswer: lambda reply: check_decision(reply, rates),
         proposal_model(targets): lambda reply: check_proposal(
             reply, run.limits, vocabulary, targets
@@ -145,6 +144,6 @@ def test_every_answer_of_the_grammar_is_accepted() -> None:
         fields = schema(model)
         lark = answer_grammar(fields, tree, limits).text("lark")
         for walked in masked_walks(lark, 30, np.random.default_rng(0)):
-            checked = check(Reply(walked, "end_turn", None))
+            checked = outcome(check, Reply(walked, "end_turn", None))
             too_large = not isinstance(checked, Accepted) and checked.stage == "limits"
             assert isinstance(checked, Accepted) or too_large, (walked, checked)

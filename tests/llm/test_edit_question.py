@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +20,7 @@ from islandgp.supervision.llm.message import Reply
 from islandgp.supervision.llm.questions import Questions
 from tests.llm.faults import no_faults
 from tests.llm.mock_model import MockModel
-from tests.llm.samples import context, reply_of, settings, state
+from tests.llm.samples import context, outcome, reply_of, settings, state
 from tests.llm.server import MessagesServer
 from tests.llm.test_whole_run import live, replayed
 
@@ -34,7 +35,12 @@ FRONT = {"kind": "front", "of": "3.0", "at": "0", "branch": CHARGE, "reason": "i
 
 def check(reply: Reply) -> Accepted | Rejection:
     """The check of an answer with edits of LIVING."""
-    return check_edits(reply, Limits(8, 50), VOCABULARY, LIVING, KNOWN)
+    return outcome(
+        partial(
+            check_edits, limits=Limits(8, 50), vocabulary=VOCABULARY, living=LIVING, existing=KNOWN
+        ),
+        reply,
+    )
 
 
 def checked(*edits: object, **other: Any) -> Accepted | Rejection:

@@ -28,15 +28,18 @@ from islandgp.supervision.llm.answers import (
 from islandgp.supervision.llm.message import MAX_ANSWER, Reply
 from tests.llm.samples import DECISION as GOOD
 from tests.llm.samples import PROPOSAL as GOOD_TREE
-from tests.llm.samples import USAGE, reply_of
+from tests.llm.samples import USAGE, outcome, reply_of
 from tests.samples import CLASSES
 from tests.strategies import nodes
 
 RATES = (0.1, 0.5)
 LIMITS = Limits(5, 22)
-decide = partial(check_decision, rates=RATES)
 PROPOSAL = proposal_model(CLASSES.targets)
-propose = partial(check_proposal, limits=LIMITS, vocabulary=VOCABULARY, targets=CLASSES.targets)
+decide = partial(outcome, partial(check_decision, rates=RATES))
+propose = partial(
+    outcome,
+    partial(check_proposal, limits=LIMITS, vocabulary=VOCABULARY, targets=CLASSES.targets),
+)
 
 
 def rejected(answer: object) -> Rejection:

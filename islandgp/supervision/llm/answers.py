@@ -13,7 +13,7 @@ import re
 from collections.abc import Callable, Collection, Iterable, Mapping
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import TYPE_CHECKING, Annotated, Any, Final, Literal, TypeVar
+from typing import Annotated, Any, Final, TypeVar
 
 from pydantic import (
     AfterValidator,
@@ -54,15 +54,22 @@ def _storable(value: Any) -> Any:
     return clean(value) if isinstance(value, str) else value
 
 
-def _labels(names: Iterable[str]) -> BeforeValidator:
-    """Accepts a label in any case, and with blanks for underscores."""
+def _label(names: Iterable[str]) -> BeforeValidator:
+    """Accepts one of the names in any case, and with blanks for underscores."""
     labels = {name.lower(): name for name in names}
 
-    def label(value: Any) -> Any:
+    def label(value: Any) -> str:
         key = re.sub(r"[\s-]+", "_", value.strip().lower()) if isinstance(value, str) else ""
-        return labels.get(key, value)
+        if key not in labels:
+            raise ValueError(", ".join(f"'{name}'" for name in labels.values()))
+        return labels[key]
 
     return BeforeValidator(label)
+
+
+def _enum(names: Iterable[str]) -> WithJsonSchema:
+    """The JSON schema of a label."""
+    return WithJsonSchema({"type": "string", "enum": [str(name) for name in names]})
 
 
 Text = Annotated[str, BeforeValidator(_storable)]
@@ -70,10 +77,6 @@ Short = Annotated[Text, AfterValidator(lambda text: text[:MAX_EXPLANATION])]
 TreeText = Annotated[Text, AfterValidator(lambda text: _FENCED.sub(r"\1", text))]
 """The text of a tree, without a Markdown fence around it."""
 Number = Annotated[FiniteFloat, Strict(False)]
-if TYPE_CHECKING:
-    EditKind = str
-else:
-    EditKind = Annotated[Literal[tuple(EDITS)], _labels(EDITS)]
 
 
 class ModelAnswer(BaseModel, frozen=True, strict=True):
@@ -84,8 +87,8 @@ class DecisionAnswer(ModelAnswer, frozen=True):
     """The answer to the prompt `mutation_rate`."""
 
     mutation_rate: Number
-    phase: Annotated[Phase, Strict(False), _labels(Phase)]
-    pattern: Annotated[Pattern, Strict(False), _labels(Pattern)]
+    phase: Annotated[Phase, Strict(False), _label(Phase), _enum(Phase)]
+    pattern: Annotated[Pattern, Strict(False), _label(Pattern), _enum(Pattern)]
     intervention: Annotated[bool, Strict(False)]
     risk: Short
     reasoning: Short
@@ -96,7 +99,7 @@ class EditAnswer(ModelAnswer, frozen=True):
 
     model_config = ConfigDict(json_schema_extra={"required": ["kind", "of", "at", "reason"]})
 
-    kind: EditKind
+    kind: Annotated[str, _label(EDITS), _enum(EDITS)]
     of: Short = ""
     at: Short = ""
     branch: TreeText = ""
@@ -108,23 +111,15 @@ class EditAnswer(ModelAnswer, frozen=True):
 
 
 def schema(model: type[BaseModel]) -> dict[str, Any]:
-    """The JSON schema of an answer, without titles, references and ranges: servers drop them."""
+    """The JSON schema of an answer, without titles and ranges: servers drop them."""
     full = model.model_json_schema()
-
-    def plain(part: Mapping[str, Any]) -> dict[str, Any]:
-        if "$ref" in part:
-            part = full["$defs"][part["$ref"].rpartition("/")[2]]
-        result = {key: part[key] for key in ("type", "enum", "required") if key in part}
-        if "const" in part:
-            result["enum"] = [part["const"]]
-        if "items" in part:
-            result["items"] = plain(part["items"])
-        if "properties" in part:
-            result["properties"] = {name: plain(p) for name, p in part["properties"].items()}
-            result["additionalProperties"] = False
-        return result
-
-    return plain(full)
+    kept = ("type", "enum", "items")
+    properties = {
+        name: {key: field[key] for key in kept if key in field}
+        for name, field in full["properties"].items()
+    }
+    required = {"required": full["required"], "properties": properties}
+    return {"type": "object", **required, "additionalProperties": False}
 
 
 NEEDED: Final = {kind.needs for kind in EDITS.values()}
@@ -143,7 +138,7 @@ def proposal_model(targets: Collection[str]) -> type[ModelAnswer]:
     """The model of an answer to a prompt for a tree, for one of the targets."""
     fields: dict[str, Any] = {
         "tree": (TreeText, ...),
-        "target": (Annotated[Literal[tuple(targets)], _labels(targets)], ...),
+        "target": (Annotated[str, _label(targets), _enum(targets)], ...),
         "rationale": (Short, ...),
     }
     return create_model("ProposalAnswer", __base__=ModelAnswer, **fields)
@@ -172,7 +167,7 @@ def faults(error: ValidationError) -> dict[str, str]:
         field, expected, found = str(e["loc"][0]), e["msg"], f"{e['input']!r}"
         if e["type"] == "missing":
             expected, found = "a value", "none"
-        expected = expected.removeprefix("Input should be ")
+        expected = expected.removeprefix("Input should be ").removeprefix("Value error, ")
         found = found if len(found) <= 60 else found[:60] + "..."
         lines.setdefault(field, f"{field}: expected {expected}, found {found}")
     return lines
@@ -191,12 +186,21 @@ class RejectionStage(StrEnum):
     EDITS = "edits"  # no edit makes a usable tree
 
 
-@dataclass(frozen=True, slots=True)
-class Rejection:
-    """A rejected answer."""
+class Rejection(Exception):
+    """An answer is rejected."""
 
-    stage: RejectionStage
-    error: str  # for the model, and for the record
+    def __init__(self, stage: RejectionStage, error: str) -> None:
+        """`error` is for the model, and for the record."""
+        super().__init__(error)
+        self.stage, self.error = stage, error
+
+
+STAGES: Final = {
+    UnknownNameError: RejectionStage.NAMES,
+    DomainError: RejectionStage.NAMES,
+    LimitError: RejectionStage.LIMITS,
+}
+"""The stages of errors of a tree; others are of its grammar."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,18 +211,19 @@ class Accepted:
     change: str = ""  # change made to the answer, or ""
 
 
-Check = Callable[[Reply], Accepted | Rejection]
+Check = Callable[[Reply], Accepted]
+"""Accepts an answer, or raises Rejection."""
 
 
-def read_answer(reply: Reply, model: type[A]) -> A | Rejection:
-    """Reads the JSON object of an answer as an instance of a pydantic model, or rejects it.
+def read_answer(reply: Reply, model: type[A]) -> A:
+    """Reads the JSON object of an answer as an instance of a pydantic model.
 
     Of several objects it is the last with all of the fields, or else with any of them, or else the
     last: drafts come before the answer. Text around it or inside `<think>` is ignored. Without any,
-    an object with single quotes or a comma at its end is read.
+    an object with single quotes or a comma at its end is read. Raises Rejection.
     """
     if reply.stop_reason == "refusal":
-        return Rejection(RejectionStage.REFUSED, "the model refused to answer")
+        raise Rejection(RejectionStage.REFUSED, "the model refused to answer")
     text = reply.text if len(reply.text) <= MAX_ANSWER else ""
     text = _THOUGHT.split(_THINKING.sub(" ", text))[-1]  # some servers omit the opening tag
     objects, rest, fault = _objects(text)
@@ -233,7 +238,7 @@ def read_answer(reply: Reply, model: type[A]) -> A | Rejection:
         if not reply.text.strip():
             no_word = "an answer that was cut off before its first word; think much less"
             fault = no_word if cut_off else "an empty answer"
-        return Rejection(RejectionStage.JSON, f"Expected one JSON object, found {fault}.")
+        raise Rejection(RejectionStage.JSON, f"Expected one JSON object, found {fault}.")
 
     def rank(found: dict[str, Any]) -> tuple[bool, bool]:
         present = [field in found for field in model.model_fields]
@@ -242,7 +247,7 @@ def read_answer(reply: Reply, model: type[A]) -> A | Rejection:
     try:
         return model.model_validate(max(reversed(objects), key=rank))
     except ValidationError as error:
-        return Rejection(RejectionStage.FIELDS, "\n".join(faults(error).values()))
+        raise Rejection(RejectionStage.FIELDS, "\n".join(faults(error).values())) from None
 
 
 def _objects(text: str) -> tuple[list[dict[str, Any]], str, str]:
@@ -279,35 +284,27 @@ def _loose_object(text: str) -> list[dict[str, Any]]:
     return [value] if is_object else []
 
 
-def check_decision(reply: Reply, rates: tuple[float, float]) -> Accepted | Rejection:
+def check_decision(reply: Reply, rates: tuple[float, float]) -> Accepted:
     """Checks a decision on the mutation rate; `rates` are the lowest and the highest."""
     read = read_answer(reply, DecisionAnswer)
-    if isinstance(read, Rejection):
-        return read
     if not rates[0] <= read.mutation_rate <= rates[1]:
         expected = f"a number from {rates[0]} to {rates[1]}"
         error = f"mutation_rate: expected {expected}, found {read.mutation_rate}"
-        return Rejection(RejectionStage.RANGE, error)
+        raise Rejection(RejectionStage.RANGE, error)
     return Accepted(Guidance(tree=None, source="llm", **dict(read)))
 
 
 def check_proposal(
     reply: Reply, limits: Limits, vocabulary: Vocabulary, targets: tuple[str, ...]
-) -> Accepted | Rejection:
+) -> Accepted:
     """Checks a tree: its grammar, names and limits."""
-    read = read_answer(reply, proposal_model(targets))
-    if isinstance(read, Rejection):
-        return read
-    values = dict(read)
+    values = dict(read_answer(reply, proposal_model(targets)))
     try:
         values["tree"] = parse(values["tree"], vocabulary, name="tree")
         check_limits(values["tree"], limits)
-    except (UnknownNameError, DomainError) as error:
-        return Rejection(RejectionStage.NAMES, str(error))
-    except LimitError as error:
-        return Rejection(RejectionStage.LIMITS, str(error))
-    except TreeError as error:
-        return Rejection(RejectionStage.GRAMMAR, str(error))
+    except (TreeError, DomainError) as error:
+        stage = next((s for kind, s in STAGES.items() if isinstance(error, kind)), "grammar")
+        raise Rejection(RejectionStage(stage), str(error)) from None
     return Accepted(Guidance(mutation_rate=None, source="llm", **values))
 
 
@@ -317,16 +314,13 @@ def check_edits(
     vocabulary: Vocabulary,
     living: Mapping[str, str],
     existing: frozenset[str],
-) -> Accepted | Rejection:
+) -> Accepted:
     """Checks edits, of which at least one must make a new tree.
 
     `living` are the texts, by id, of the trees that an edit may name; `existing` are the canonical
     texts of existing trees.
     """
-    read = read_answer(reply, EditsAnswer)
-    if isinstance(read, Rejection):
-        return read
-    listed, edits, wrong = read.edits[:MAX_EDITS], [], []
+    listed, edits, wrong = read_answer(reply, EditsAnswer).edits[:MAX_EDITS], [], []
     for number, values in enumerate(listed, 1):
         try:
             edit = _edit(values)
@@ -339,7 +333,7 @@ def check_edits(
         except (ValueError, TreeError) as error:
             wrong.append(f"edit {number}: {error}")
     if not edits:
-        return Rejection(RejectionStage.EDITS, "\n".join(wrong))
+        raise Rejection(RejectionStage.EDITS, "\n".join(wrong))
     change = f"{len(edits)} of {len(listed)} edits: {'; '.join(wrong)}" if wrong else ""
     return Accepted(Guidance(None, None, "llm", edits=tuple(edits)), change[:MAX_EXPLANATION])
 

@@ -26,7 +26,7 @@ import numpy as np
 from islandgp.errors import SupervisionError
 from islandgp.seeding import Stream, stream
 from islandgp.supervision.base import Guidance
-from islandgp.supervision.llm.answers import Accepted, Check, RejectionStage
+from islandgp.supervision.llm.answers import Check, Rejection, RejectionStage
 from islandgp.supervision.llm.budget import Ledger, cost, wait_for_turn
 from islandgp.supervision.llm.message import (
     CHARGED,
@@ -252,16 +252,18 @@ def converse(
         if isinstance(answer, Failure):
             reason, failed = f"{answer.kind}: {answer.message}", answer.kind.value
             break
-        checked = check(answer)
-        if isinstance(checked, Accepted):
-            parts = ("llm", "repaired" if turn else "", checked.change)
-            guidance, source, reason = checked.guidance, ", ".join(filter(None, parts)), ""
+        try:
+            accepted = check(answer)
+        except Rejection as rejection:
+            rejected.append(rejection.stage)
+            reason = f"{rejection.stage}: {rejection.error}"
+            if rejection.stage is RejectionStage.REFUSED:
+                break
+            request = request.followed_by(answer.text[:MAX_QUOTED], questions.repair(rejection))
+        else:
+            parts = ("llm", "repaired" if turn else "", accepted.change)
+            guidance, source, reason = accepted.guidance, ", ".join(filter(None, parts)), ""
             break
-        rejected.append(checked.stage)
-        reason = f"{checked.stage}: {checked.error}"
-        if checked.stage is RejectionStage.REFUSED:
-            break
-        request = request.followed_by(answer.text[:MAX_QUOTED], questions.repair(checked))
     end = Conclusion(call.generation, call.part, source, reason, tuple(rejected), failed)
     return guidance, concluded(calls, end, prompts)
 
