@@ -12,14 +12,14 @@ from __future__ import annotations
 import time
 from collections import Counter
 from collections.abc import Callable, Sequence
-from dataclasses import asdict, astuple, dataclass, fields
+from dataclasses import asdict, dataclass
 from getpass import getuser
 from math import inf, isnan, nan
-from operator import add
 from pathlib import Path
 from tempfile import gettempdir
-from typing import Final
+from typing import Final, NamedTuple
 
+import numpy as np
 from filelock import FileLock
 
 from islandgp.supervision.base import RunContext
@@ -42,16 +42,11 @@ PROBES: Final = 4  # most requests of the probe that are answered
 
 def cost(usage: Usage, price: Price) -> float:
     """Cost of tokens in US dollars."""
-    return (
-        usage.input * price.input
-        + usage.output * price.output
-        + usage.cache_read * price.cache_read
-        + usage.cache_write * price.cache_write
-    ) / TOKENS_PER_PRICE
+    prices = price.model_dump()
+    return sum(float(n * prices[name]) for name, n in asdict(usage).items()) / TOKENS_PER_PRICE
 
 
-@dataclass(frozen=True, slots=True)
-class Bill:
+class Bill(NamedTuple):
     """The sum of the costs of requests. The fields have the names of caps."""
 
     requests: float = 0
@@ -65,26 +60,10 @@ class Bill:
         usd = nan if price is None else cost(usage, price)
         return cls(requests, usage.read, usage.output, usd)
 
-    def __add__(self, other: Bill) -> Bill:
-        return Bill(*map(add, astuple(self), astuple(other)))
-
-    def times(self, number: int) -> Bill:
-        """The bill of a number of equal runs."""
-        return Bill(*(number * amount for amount in astuple(self)))
-
-    def capped(self, caps: Caps) -> Bill:
-        """The bill, each sum limited by its cap; an unknown price remains so."""
-        return Bill(*(min(n, most) for n, most in zip(astuple(self), limits(caps), strict=True)))
-
-    def over(self, caps: Caps) -> str:
-        """The first cap that the bill exceeds, as NAME=VALUE; "" for none."""
-        sums = zip(asdict(self).items(), limits(caps), strict=True)
-        return next((f"{name}={most:g}" for (name, n), most in sums if n > most), "")
-
 
 def limits(caps: Caps) -> list[float]:
     """The caps of a bill's sums; infinite without a cap."""
-    values = (getattr(caps, field.name) for field in fields(Bill))
+    values = (getattr(caps, name) for name in Bill._fields)
     return [inf if cap is None else cap for cap in values]
 
 
@@ -137,8 +116,10 @@ class Ledger:
             next_at_most: upper bound of the request's tokens.
             waited: seconds of waiting before it that are in no attempt yet.
         """
-        if cap := (self.most() + Bill.of(1, next_at_most, self.price)).over(self.caps):
-            return f"another request could pass the cap {cap}"
+        sums = np.add(self.most(), Bill.of(1, next_at_most, self.price))
+        for name, most, n in zip(Bill._fields, limits(self.caps), sums, strict=True):
+            if n > most:
+                return f"another request could pass the cap {name}={most:g}"
         if self.seconds_left() <= waited:
             return f"the cap seconds={self.caps.seconds:g} is reached"
         return ""
@@ -212,7 +193,8 @@ def costs(runs: Sequence[SupervisedRuns]) -> str:
     """A line on what all runs together are expected to cost, and on the most they can cost."""
     number = sum(r.number for r in runs)
     likely, most = (
-        sum((bill(r).times(r.number) for r in runs), Bill()) for bill in (expected, at_most)
+        Bill(*np.sum([np.multiply(r.number, bill(r)) for r in runs], axis=0))
+        for bill in (expected, at_most)
     )
     return (
         f"The language model ({', '.join(sorted({r.settings.model_name for r in runs}))}):"
@@ -256,8 +238,8 @@ def at_most(runs: SupervisedRuns) -> Bill:
     settings, questions = runs.settings, Questions(runs.settings, runs.context)
     times = runs.times * settings.retry.attempts * (1 + settings.repairs)
     longer = MAX_QUOTED * settings.repairs + ADDED_MOST
-    bill = Bill.of(PROBES * settings.retry.attempts, Usage(), settings.price)
+    sums = np.array(Bill.of(PROBES * settings.retry.attempts, Usage(), settings.price))
     for part in questions.parts:
         tokens = questions.request(part).most_tokens(longer=longer)
-        bill += Bill.of(1, tokens, settings.price).times(times)
-    return bill.capped(settings.caps)
+        sums += np.multiply(times, Bill.of(1, tokens, settings.price))
+    return Bill(*np.minimum(sums, limits(settings.caps)))

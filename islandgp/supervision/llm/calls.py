@@ -11,7 +11,6 @@ server accepts: optional parameters that it rejects are left out.
 from __future__ import annotations
 
 import json
-import logging
 import re
 import time
 from collections.abc import Callable, Sequence
@@ -29,7 +28,6 @@ from islandgp.supervision.base import Guidance
 from islandgp.supervision.llm.answers import Check, Rejection, RejectionStage
 from islandgp.supervision.llm.budget import Ledger, cost, wait_for_turn
 from islandgp.supervision.llm.message import (
-    CHARGED,
     HOPELESS,
     MAX_QUOTED,
     TRANSIENT,
@@ -85,8 +83,8 @@ class Calls:
         An answer in the transcript to the same request is used again.
 
         Raises:
-            SupervisionError: no answer, and `on_outage` is "stop"; or "wait", and waiting is no
-                help; or the transcript is fixed, and has no answer or one to another request.
+            SupervisionError: no answer, and `on_outage` is "stop"; or the transcript is fixed, and
+                has no answer or one to another request.
         """
         done = [a for a in self.transcript.of(call) if a.request.digest == request.digest]
         slot = 10 * SLOTS[call.part] + call.turn
@@ -94,7 +92,7 @@ class Calls:
         answer, number = (done[-1].answer, done[-1].number) if done else (None, 0)
         if isinstance(answer, Failure) and self._stops(call, answer):
             answer, number = None, 0  # it stopped the run, or kept it from starting
-        while answer is None or not self._is_last(call, answer, number):
+        while answer is None or not self._is_last(answer, number):
             if self.transcript.fixed:
                 raise _not_recorded(self.transcript, call, request)
             waited = 0.0
@@ -107,25 +105,17 @@ class Calls:
         if isinstance(answer, Failure) and call.part != "probe" and self._stops(call, answer):
             raise SupervisionError(
                 f"Expected an answer of the model {request.model}, found {answer.kind}"
-                f" ({answer.message}); the run stops"
-                f" (supervisor.policy.on_outage={self.settings.on_outage})."
+                f" ({answer.message}); the run stops (supervisor.policy.on_outage=stop)."
                 " The same command continues it once the server answers."
             )
         return answer
 
-    def _is_last(self, call: Call, answer: Reply | Failure, attempt: int) -> bool:
-        """True if no attempt follows; "wait" waits on while that costs nothing, up to the caps."""
+    def _is_last(self, answer: Reply | Failure, attempt: int) -> bool:
+        """True if no attempt follows: after a reply, a lasting failure, or the last attempt."""
         if isinstance(answer, Reply) or answer.kind not in TRANSIENT:
             return True
-        retry, waits = self.settings.retry, self.settings.on_outage == "wait"
-        if not waits or answer.kind in CHARGED or call.part == "probe":
-            is_long = (answer.retry_after or 0) > retry.retry_after_most
-            return attempt >= retry.attempts or (is_long and not waits)
-        if attempt % retry.attempts == 0:
-            logging.getLogger("islandgp").warning(
-                "No answer of the model (%s); it is asked again (on_outage=wait)", answer.message
-            )
-        return False
+        retry = self.settings.retry
+        return attempt >= retry.attempts or (answer.retry_after or 0) > retry.retry_after_most
 
     def _delay(self, failure: Failure, attempt: int, rng: np.random.Generator) -> float:
         """Seconds to wait after the failed attempt number `attempt` (from 1).
@@ -141,8 +131,7 @@ class Calls:
         """True if a failure stops the run, or keeps it from starting."""
         if call.part == "probe":
             return failure.kind is not FailureKind.BUDGET
-        stopping = {"fallback": frozenset[FailureKind](), "wait": HOPELESS}
-        return failure.kind in stopping.get(self.settings.on_outage, HOPELESS | TRANSIENT)
+        return self.settings.on_outage == "stop" and failure.kind in HOPELESS | TRANSIENT
 
     def _attempt(self, call: Call, number: int, request: Request, waited: float) -> Reply | Failure:
         assert self.client is not None

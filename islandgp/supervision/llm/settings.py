@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import re
 from typing import Annotated, ClassVar, Final, Literal
 
 from pydantic import AfterValidator, AnyHttpUrl, BaseModel, Field, SecretStr, model_validator
@@ -19,11 +18,8 @@ THINKING_TOKENS: Final = 14_000  # for thinking before an answer
 THINKING_SPEED: Final = 50  # tokens per second, lower bound
 
 
-_REQUESTS: Final = re.compile(r"(/v1)?/(messages|responses|(chat/)?completions)/*$")
-
-
 def check_address(url: str) -> str:
-    """The text. Raises ValueError unless it is a server's address without the path of a request."""
+    """The text. Raises ValueError unless it is a server's address."""
     try:
         parts = AnyHttpUrl(url)
     except ValueError:
@@ -33,12 +29,6 @@ def check_address(url: str) -> str:
         raise ValueError(
             "expected an address such as http://localhost:11434, without a name or password, which"
             " ANTHROPIC_API_KEY replaces"
-        )
-    if path := _REQUESTS.search(url):
-        raise ValueError(
-            f"expected an address without the path of a request, such as {url[: path.start()]},"
-            f" found {path[0]} at its end; the client adds it. A server with OpenAI's API only"
-            " needs supervisor.policy.interface=chat"
         )
     return url
 
@@ -107,8 +97,8 @@ class TreeSize(BaseModel, frozen=True, extra="forbid"):
     nodes: str  # approximate number
 
 
-Outage = Literal["fallback", "wait", "stop"]
-"""Reaction to a server that does not answer: use the fallback, wait, or stop the run."""
+Outage = Literal["fallback", "stop"]
+"""Reaction to a server that does not answer: use the fallback, or stop the run."""
 
 
 ClientFactory = Annotated[str, Field(pattern=r"^[A-Za-z_][\w.]*:[A-Za-z_]\w*$")]
