@@ -69,7 +69,7 @@ COMMANDS: Final = {
     "sync": ("stores", "send missing records to the tracking server", "runs/default"),
     "new": ("new", "make a folder with a robot of your own that runs at once", "my_robot"),
     "examples": ("trees", "list the example trees, or print one", "all_rounder"),
-    "ui": ("stores", "start the MLflow UI and print the address of the right page", "--open"),
+    "ui": ("stores", "start the MLflow UI and print the address of the right page", "--port 5001"),
 }
 """For each command: its module of `islandgp.commands`, where the function of `a` is `a_command`, a
 line on it, and the arguments of an example."""

@@ -5,13 +5,14 @@ from __future__ import annotations
 import json
 import re
 import sys
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
+from dataclasses import dataclass
 from functools import partial
-from typing import Any, Final, NamedTuple
+from typing import Any, Final
 
 import click
 
-from islandgp.bt.analysis.lint import REFUSED, LintWarning, warnings
+from islandgp.bt.analysis.lint import REFUSED, warnings
 from islandgp.bt.core.language import tree_errors
 from islandgp.bt.core.node import Node, depth, size
 from islandgp.bt.core.source import Source, plain
@@ -53,39 +54,57 @@ def check_command(
     --strict has warnings; 2 if a file cannot be read.
     """
     vocabulary_for = partial(vocabulary_of, options=options, in_world=True)
-    files_with_errors = files_with_warnings = 0
-    entries: list[dict[str, Any]] = []
+    everything: list[Finding] = []
     for file in files:
-        text, name, _ = source = read_tree_text(file)
-        tree, errors, diagnostics = findings(source, vocabulary_for)
-        files_with_errors += bool(errors)
-        files_with_warnings += bool(diagnostics)
+        source = read_tree_text(file)
+        tree, found = findings(source, vocabulary_for)
+        everything += found
         if as_json:
-            entries += [plain_error(error, name) for error in errors]
-            entries += [plain_finding(finding, text, name) for finding in diagnostics]
             continue
-        for error in errors:
-            message = str(error)
-            click.echo(message if message.startswith(f"{name}:") else f"{name}: {message}")
-        for finding in diagnostics:
-            click.echo(finding.text(text, name=name))
+        for each in found:
+            message = str(each.error)
+            is_placed = message.startswith(f"{source.name}:")
+            click.echo(message if is_placed else f"{source.name}: {message}")
         if tree is not None:
-            click.echo(f"{name}: {_summary(tree, diagnostics)}")
+            click.echo(f"{source.name}: {_summary(tree, len(found))}")
     if as_json:
-        click.echo(json.dumps(entries, indent=1))
-    sys.exit(1 if files_with_errors or (strict and files_with_warnings) else 0)
+        click.echo(json.dumps([each.plain() for each in everything], indent=1))
+    sys.exit(1 if any(strict or each.severity == "error" for each in everything) else 0)
 
 
-class Findings(NamedTuple):
-    """The tree of a text with its warnings, or its errors."""
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """An error in a tree file, or a warning about it."""
 
-    tree: Node | None  # None: the text has errors
-    errors: Sequence[TreeError] = ()
-    warnings: Sequence[LintWarning] = ()
+    file: str
+    error: TreeError
+    code: str
+    severity: str = "error"  # or warning
+
+    def plain(self) -> dict[str, Any]:
+        """The finding as JSON values; `file` is the included file if the error is there."""
+        error = self.error
+        first, *rest = str(error).splitlines()
+        placed = re.fullmatch(r"(.*?):\d+:\d+: (?:warning: )?(.*)", first)
+        file, message = placed.groups() if placed else (self.file, first)
+        # An error with a place shows the line and a caret, which JSON leaves out.
+        hints = rest[2:] if error.source or placed else rest
+        word = re.match(r"\w+|.?", error.source[error.column - 1 :])
+        return {
+            "file": file,
+            "line": error.line,
+            "column": error.column,
+            "end": error.column + (word.end() if word else 0),  # the column after the word
+            "severity": self.severity,
+            "code": self.code,
+            "message": " ".join([f"{message}.", *hints] if hints else [message]),
+        }
 
 
-def findings(source: TreeText, vocabulary_for: Callable[[TreeText], Vocabulary]) -> Findings:
-    """The errors of a text; if there are none, its tree and its warnings.
+def findings(
+    source: TreeText, vocabulary_for: Callable[[TreeText], Vocabulary]
+) -> tuple[Node | None, list[Finding]]:
+    """The tree of a text with its warnings; None with its errors.
 
     Raises:
         IslandError: raised by `vocabulary_for`, other than a TreeError.
@@ -94,52 +113,25 @@ def findings(source: TreeText, vocabulary_for: Callable[[TreeText], Vocabulary])
     try:
         vocabulary = vocabulary_for(source)
         if errors := tree_errors(text, vocabulary, name=name, folder=folder):
-            return Findings(None, errors)
-        tree = source.tree(vocabulary)
-        found = warnings(text, vocabulary, name=name, folder=folder)
-        if refused := [each for each in found if each.code in REFUSED]:
-            file = Source(plain(text), name)
-            places = [((each.line, each.column), each.message) for each in refused]
-            return Findings(None, [file.error(*at, kind=SharedResourceError) for at in places])
-        return Findings(tree, (), found)
+            return None, [Finding(name, error, _code(error)) for error in errors]
+        tree, found = source.tree(vocabulary), warnings(text, vocabulary, name=name, folder=folder)
     except TreeError as error:
-        return Findings(None, [error])
+        return None, [Finding(name, error, _code(error))]
+    file = Source(plain(text), name)
+    at = [(each, (each.line, each.column)) for each in found]
+    if errors := [file.error(place, w.message) for w, place in at if w.code in REFUSED]:
+        return None, [Finding(name, error, "shared-resource") for error in errors]
+    return tree, [
+        Finding(name, file.error(place, f"warning: {w.message}"), w.code, "warning")
+        for w, place in at
+    ]
 
 
-def _summary(tree: Node, diagnostics: Sequence[LintWarning]) -> str:
+def _code(error: TreeError) -> str:
+    return next((code for kind, code in CODES.items() if isinstance(error, kind)), "syntax")
+
+
+def _summary(tree: Node, warned: int) -> str:
     """The size of a tree and the number of its warnings, in words."""
     nodes = f"{size(tree)} node{'s' * (size(tree) != 1)}"
-    count = f"{len(diagnostics) or 'no'} warning{'s' * (len(diagnostics) != 1)}"
-    return f"{nodes}, depth {depth(tree)}, {count}"
-
-
-def plain_error(error: TreeError, name: str) -> dict[str, Any]:
-    """An error as JSON values; `file` is the included file if the error is there."""
-    first, *rest = str(error).splitlines()
-    placed = re.fullmatch(r"(.*?):\d+:\d+: (.*)", first)
-    file, message = placed.groups() if placed else (name, first)
-    # An error with a place shows the line and a caret, which JSON leaves out.
-    hints = rest[2:] if error.source or placed else rest
-    code = next((code for kind, code in CODES.items() if isinstance(error, kind)), "syntax")
-    place = _plain_place(error.line, error.column, error.source)
-    return {
-        "file": file,
-        **place,
-        "severity": "error",
-        "code": code,
-        "message": " ".join([f"{message}.", *hints] if hints else [message]),
-    }
-
-
-def plain_finding(finding: LintWarning, text: str, name: str) -> dict[str, Any]:
-    """A warning as JSON values."""
-    line = plain(text).split("\n")[finding.line - 1]
-    place = _plain_place(finding.line, finding.column, line)
-    about = {"severity": "warning", "code": finding.code, "message": finding.message}
-    return {"file": name, **place, **about}
-
-
-def _plain_place(line: int, column: int, source: str) -> dict[str, int]:
-    """A place in a line; `end` is the column after the word there."""
-    word = re.match(r"\w+|.?", source[column - 1 :])
-    return {"line": line, "column": column, "end": column + (word.end() if word else 0)}
+    return f"{nodes}, depth {depth(tree)}, {warned or 'no'} warning{'s' * (warned != 1)}"

@@ -10,6 +10,7 @@ from typing import Any, Final, NamedTuple
 
 import click
 
+from islandgp.atomic_files import must_take_files, write_atomic
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.vocabulary import Vocabulary
@@ -67,8 +68,6 @@ FOLDER: Final = _Output(path_type=Path)
 
 def check_place(path: Path, *, is_folder: bool) -> None:
     """Raises IslandError if a file, or files of a folder, cannot be written."""
-    from islandgp.atomic_files import must_take_files
-
     try:
         if not is_folder and not path.parent.exists():
             raise FileNotFoundError(ENOENT, f"no folder {path.parent}")
@@ -95,17 +94,14 @@ def display_name(file: str) -> str:
 
 def read_text(file: str) -> str:
     """The text of a file. Raises IslandError if it cannot be read as UTF-8, or is too long."""
-    if file == STDIN and (sys.stdin is None or sys.stdin.closed):
-        raise IslandError(
-            "Expected text on the standard input, found that it is closed; pipe a file into it or"
-            " name one."
-        )
     if file != STDIN:
         return read_text_file(Path(file))
     try:
         return decoded(sys.stdin.buffer.read(MAX_BYTES + 1), display_name(file))
-    except OSError as error:
-        raise IslandError(f"Expected to read {display_name(file)}: {error.strerror}.") from None
+    except (AttributeError, OSError, ValueError) as error:  # it is closed
+        raise IslandError(
+            f"Expected to read the standard input, found: {error}; pipe a file into it or name one."
+        ) from None
 
 
 class TreeText(NamedTuple):
@@ -137,18 +133,12 @@ def write_text(file: str, text: str) -> None:
     if file == STDIN:
         click.echo(text.encode(), nl=False)  # UTF-8, like a file, on all terminals
         return
+    path = Path(file)
+    check_place(path, is_folder=False)  # a read-only file is not replaced
     try:
-        _write(Path(file), text.encode())
+        if path.exists() and not path.is_file():  # a device or a pipe
+            path.write_bytes(text.encode())
+        else:
+            write_atomic(path.resolve(), text.encode())  # where a link leads: the link stays
     except OSError as error:
-        raise IslandError(f"Expected to write {file}: {error.strerror}.") from None
-
-
-def _write(path: Path, data: bytes) -> None:
-    from islandgp.atomic_files import write_atomic
-
-    if path.exists() and not path.is_file():  # a device or a pipe
-        path.write_bytes(data)
-        return
-    if path.exists() and not os.access(path, os.W_OK):  # a new file would take its place
-        raise PermissionError(EACCES, os.strerror(EACCES))
-    write_atomic(path.resolve(), data)  # where a link leads: the link stays
+        raise unusable(path, error) from None

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import threading
-import webbrowser
 from pathlib import Path
 
 import click
@@ -80,9 +79,8 @@ def sync_command(folders: tuple[Path, ...], uri: str | None, experiment: str) ->
 )
 @with_experiment_option
 @click.option("--port", default=5000, help="Port of the server.")
-@click.option("--open", "open_browser", is_flag=True, help="Open the arms page in a browser.")
 @with_config_dir_option
-def ui_command(uri: str | None, experiment: str, port: int, open_browser: bool) -> None:
+def ui_command(uri: str | None, experiment: str, port: int) -> None:
     """Serve the MLflow pages and print the address of the runs page."""
     place = place_from(uri, experiment) if uri else configured_stores()[0]
     click.echo(f"Starting the MLflow server for {place.uri}; it prints some lines ...", err=True)
@@ -93,8 +91,6 @@ def ui_command(uri: str | None, experiment: str, port: int, open_browser: bool) 
             click.echo(f"charts{of}, a curve for each arm:  {pages.arms}")
             click.echo(f"all runs, in a table:  {pages.runs}")
             click.echo("Only this machine reaches the server. Ctrl-C stops it.", err=True)
-            if open_browser and not webbrowser.open(pages.arms):
-                click.echo("Found no browser to open: open the address yourself.", err=True)
             threading.Event().wait()
     except KeyboardInterrupt:
         click.echo("stopped", err=True)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import os
 import shutil
 import sys
@@ -39,7 +38,7 @@ from islandgp.commands.files import (
 )
 from islandgp.commands.options import DomainOptions, with_output_option, with_vocabulary_options
 from islandgp.commands.setting import default_domain, read_in_domain, vocabulary_of
-from islandgp.errors import ConfigError, DomainError, IslandError, TreeError
+from islandgp.errors import ConfigError, IslandError, TreeError
 from islandgp.resources import resource
 from islandgp.text import in_its_domain
 
@@ -53,8 +52,7 @@ DEPTH: Final = 8  # levels of a tree, as section 2.2.3 limits them
 @click.command()
 @click.argument("files", nargs=-1, required=True, type=FILE)
 @click.option("--check", is_flag=True, help="Write nothing; exit code 1 if a file would change.")
-@click.option("--diff", is_flag=True, help="Write nothing; show what would change.")
-def fmt_command(files: tuple[str, ...], check: bool, diff: bool) -> None:
+def fmt_command(files: tuple[str, ...], check: bool) -> None:
     """Format the trees in FILES.
 
     Comments and named subtrees are kept. `-` reads the standard input and prints
@@ -69,13 +67,7 @@ def fmt_command(files: tuple[str, ...], check: bool, diff: bool) -> None:
         except IslandError as error:
             wrong.append(str(error))
             continue
-        if diff:
-            lines = difflib.unified_diff(
-                before.splitlines(), after.splitlines(), name, f"{name} (formatted)", lineterm=""
-            )
-            for line in lines:
-                click.echo(line)
-        elif file == STDIN and not check:
+        if file == STDIN and not check:
             write_text(file, after)
         elif before != after:
             if not check:
@@ -134,8 +126,7 @@ def simplify_command(file: str, output: str, explain: bool, options: DomainOptio
 @click.command()
 @click.argument("old", type=FILE)
 @click.argument("new", type=FILE)
-@with_vocabulary_options
-def diff_command(old: str, new: str, options: DomainOptions) -> None:
+def diff_command(old: str, new: str) -> None:
     """Compare the trees in OLD and NEW, node by node.
 
     Marks: - deleted, + inserted, ~ changed; the number after # is the line in the file. Exit
@@ -146,8 +137,6 @@ def diff_command(old: str, new: str, options: DomainOptions) -> None:
         parse_placed(each.text, name=each.name, folder=each.folder, named=False)
         for each in (before, after)
     )
-    if options.declaration is not None:
-        vocabulary_of(after, options)  # a wrong declaration is reported first
     domains = {name: None for file in (before, after) if (name := domain_of(file.text))}
     if are_for_two := len(domains) > 1:
         click.echo("They are for two domains: {} and {}.".format(*domains))
@@ -155,20 +144,7 @@ def diff_command(old: str, new: str, options: DomainOptions) -> None:
         click.echo("The same nodes." if are_for_two else "The same tree.")
         sys.exit(int(are_for_two))
     click.echo("\n".join(_marked(a, b, (places_a, places_b))))
-    if not are_for_two and _do_the_same(a, b, after, options):
-        click.echo("Written differently, but they do the same.")
     sys.exit(1)
-
-
-def _do_the_same(a: Node, b: Node, source: TreeText, options: DomainOptions) -> bool:
-    """True if both trees have the same simplified form, with or without their vocabulary."""
-    if simplify(a).tree == simplify(b).tree:
-        return True
-    try:
-        vocabulary = vocabulary_of(source, options)
-    except DomainError:  # the domain is not configured
-        return False
-    return simplify(a, vocabulary).tree == simplify(b, vocabulary).tree
 
 
 def _marked(

@@ -71,12 +71,8 @@ class MLflowSettings(BaseModel, frozen=True, extra="forbid"):
     def _can_be_asked(cls, uri: str) -> str:
         if uri.startswith(SQLITE):
             return uri
-        try:
-            parts = urlsplit(uri)
-            sound = bool(parts.hostname) and parts.port != 0
-        except ValueError:  # the port is out of range or no number
-            sound = False
-        if not sound:
+        parts = urlsplit(uri)
+        if not parts.hostname or parts.port == 0:  # another wrong port raises ValueError
             raise ValueError("expected http://HOST:PORT with a port from 1 to 65535")
         if "@" in parts.netloc:
             raise ValueError(

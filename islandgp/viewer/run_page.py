@@ -16,12 +16,9 @@ from pathlib import Path
 from time import time
 from typing import Any, Final
 
-from pydantic import ValidationError
-
 from islandgp.atomic_files import reading, remove_leftovers, usable, write_atomic
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import Node, size
-from islandgp.domain import RewardTable
 from islandgp.errors import RunError, brief
 from islandgp.evaluation.base import Problem
 from islandgp.gp.archive import ArchiveSettings, Elite
@@ -35,7 +32,7 @@ from islandgp.resources import program
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.constraints import in_words
 from islandgp.text import in_points
-from islandgp.viewer.history import RunRecords, lineage, nothing_works, read_history, thinned
+from islandgp.viewer.history import RunRecords, lineage, read_history, thinned
 from islandgp.viewer.page import filled, page, script_data
 from islandgp.viewer.recording import record
 
@@ -104,21 +101,9 @@ def run_page(
         replay=script_data(replay if len(replay.encode()) <= REPLAY_BYTES else ""),
         sentences=() if summary is None else tuple(sentences(summary)),
         status=status.value,
-        warning=_nothing_works(view) if history.generations else "",
+        warning="" if summary is None else summary.get("nothing_works", ""),
         **(_best(view, champion) if champion else {}),
     )
-
-
-def _nothing_works(view: RunView) -> str:
-    """A sentence on what no individual has achieved so far; "" if something works."""
-    if view.summary is not None:
-        return str(view.summary.get("nothing_works", ""))
-    try:
-        rewards = RewardTable.model_validate(view.config["rewards"])
-    except (KeyError, ValidationError):  # a domain's own rewards
-        rewards = None
-    classes = Classes.model_validate(view.config["classes"])
-    return nothing_works(view.history, classes, rewards)
 
 
 TREE_BYTES: Final = 500_000  # most bytes of embedded trees of the archive, the best first

@@ -10,24 +10,21 @@ import signal
 import socket
 import subprocess
 import sys
-from contextlib import nullcontext
 from importlib.metadata import PackageNotFoundError
 from pathlib import Path
-from types import SimpleNamespace
 from urllib.request import urlopen
 
 import pytest
 from click.testing import CliRunner
 
 from islandgp.cli import islandgp
-from islandgp.commands import stores
 from islandgp.errors import TrackingError
 from islandgp.evolution.validation import Validation
 from islandgp.tracking import ui
 from islandgp.tracking.mlflow import sync_command
 from islandgp.tracking.store import ARM, Store, TrackingStore
 from islandgp.tracking.sync import sync
-from islandgp.tracking.ui import Pages, runs_page, served, share_view
+from islandgp.tracking.ui import runs_page, served, share_view
 from tests.running.commands import ROOT
 from tests.tracking.folders import closed_run, history, place
 from tests.tracking.test_sweep_folder import job, send, started_sweep
@@ -114,29 +111,6 @@ def stand_in(place, port):
 ui.server_command = stand_in
 main()
 """
-
-
-def test_open_opens_the_page_of_the_arms(monkeypatch: pytest.MonkeyPatch) -> None:
-    """`islandgp ui --open`; without a browser the command reports it and goes on serving."""
-    addresses: list[str] = []
-    pages = Pages("http://h:1/#arms", "http://h:1/#runs")
-
-    def ends() -> None:
-        raise KeyboardInterrupt
-
-    def no_browser(address: str) -> bool:
-        addresses.append(address)
-        return False
-
-    monkeypatch.setattr(stores, "served", lambda *_: nullcontext(pages))
-    monkeypatch.setattr(stores.webbrowser, "open", no_browser)
-    monkeypatch.setattr(stores.threading, "Event", lambda: SimpleNamespace(wait=ends))
-    arguments = ["ui", "--uri", "sqlite:///mlflow.db"]
-    assert "--open" not in (result := CliRunner().invoke(islandgp, arguments)).output
-    assert (result.exit_code, addresses) == (0, [])
-    result = CliRunner().invoke(islandgp, [*arguments, "--open"])
-    assert (result.exit_code, addresses) == (0, ["http://h:1/#arms"])
-    assert "Found no browser" in result.output
 
 
 def free_port() -> int:

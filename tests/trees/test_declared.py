@@ -168,23 +168,6 @@ def test_quoted_texts_are_not_keys() -> None:
     assert {name: key.flag for name, key in vocabulary.keys.items()} == {"hot": True, "mode": False}
 
 
-def test_diff_with_a_vocabulary(islandgp: Cli, tmp_path: Path) -> None:
-    """The declared facts of actions decide whether two trees do the same."""
-    old, new, vocabulary = (tmp_path / name for name in ("old.bt", "new tree.bt", "words.json"))
-    old.write_text("selector { A B }")
-    new.write_text("domain far A")
-    actions = {"A": {"statuses": ["SUCCESS"]}, "B": {}}
-    vocabulary.write_text(json.dumps({"domain": "far", "actions": actions}))
-    verdict = "Written differently, but they do the same.\n"
-    assert not islandgp("diff", old, new).out.endswith(verdict)
-    result = islandgp("diff", old, new, "--vocabulary", vocabulary)
-    assert result.code == 1
-    assert result.out.endswith(verdict)
-    vocabulary.write_text("[]")
-    result = islandgp("diff", old, new, "--vocabulary", vocabulary)
-    assert (result.code, result.out) == (2, "")
-
-
 FLAG = """{"domain": "cart", "keys": {}, "actions": {
   "Stop": {"after": ["Go"]},
   "Go": {"arguments": {"fast": {

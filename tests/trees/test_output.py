@@ -70,15 +70,11 @@ def test_an_output_that_nobody_reads_ends_the_command(arguments: tuple[object, .
     assert (process.returncode, process.stderr) == (1, b"")
 
 
-def test_pictures_lose_characters_that_the_output_lacks(tmp_path: Path) -> None:
+def test_pictures_lose_characters_that_the_output_lacks() -> None:
     """In a terminal of ASCII a tree is drawn all the same."""
     process = command("show", TREE, stdout=subprocess.PIPE, PYTHONIOENCODING="ascii")
     assert (process.returncode, process.stderr) == (0, b"")
     assert b"PatrolWaypoint" in process.stdout
-    diff = tmp_path / "x.bt"
-    diff.write_text("PatrolWaypoint   # \N{GREEK SMALL LETTER ALPHA}\n", encoding="utf-8")
-    process = command("fmt", "--diff", diff, stdout=subprocess.PIPE, PYTHONIOENCODING="ascii")
-    assert (process.returncode, process.stderr) == (0, b"")
 
 
 def test_trees_are_utf8_for_any_output(tmp_path: Path) -> None:

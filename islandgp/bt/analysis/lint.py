@@ -34,7 +34,6 @@ from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.language import SourceSpan, parse_placed
 from islandgp.bt.core.node import FAILURE, GuardArgs, Node, ParallelArgs, Place, size, walk
 from islandgp.bt.core.printer import condition_text, head
-from islandgp.bt.core.source import Source, plain
 from islandgp.bt.core.vocabulary import Vocabulary
 
 CODES: Final = {
@@ -72,11 +71,6 @@ class LintWarning:
     column: int
     message: str  # with the reason
     code: str = ""  # of CODES
-
-    def text(self, source: str, *, name: str) -> str:
-        """The warning with the offending line and a caret, in the form of errors."""
-        file = Source(plain(source), name)
-        return str(file.error((self.line, self.column), f"warning: {self.message}"))
 
 
 def warnings(

@@ -18,7 +18,7 @@ from islandgp.bt.core.format import format_text
 from islandgp.bt.core.includes import find_includes
 from islandgp.bt.core.language import MAX_CHARACTERS
 from islandgp.bt.core.vocabulary import EMPTY_VOCABULARY, Vocabulary
-from islandgp.commands.check import findings, plain_error, plain_finding
+from islandgp.commands.check import findings
 from islandgp.commands.files import TreeText
 from islandgp.errors import IslandError, TreeError
 from islandgp_editor.assist import completions, meaning
@@ -263,16 +263,13 @@ ANSWERS: Final[dict[str, Callable[..., Any]]] = {
 
 def _findings(document: TextDocument, vocabulary_for: Words) -> list[dict[str, Any]]:
     """The errors and warnings of `check --json`; an unknown domain is an error at its position."""
-    text, name, _ = source = _tree_text(document)
+    source = _tree_text(document)
     try:
-        _, errors, warnings = findings(source, vocabulary_for)
+        _, found = findings(source, vocabulary_for)
     except IslandError as error:
         place = {"line": 1, "column": 1, "end": 1, "severity": "error", "code": "domain"}
-        return [{"file": name, **place, "message": str(error)}]
-    return [
-        *({**plain_error(error, name), "guess": error.guess} for error in errors),
-        *(plain_finding(warning, text, name) for warning in warnings),
-    ]
+        return [{"file": source.name, **place, "message": str(error)}]
+    return [{**each.plain(), "guess": each.error.guess} for each in found]
 
 
 def _diagnostic(finding: dict[str, Any], document: TextDocument) -> types.Diagnostic:
