@@ -11,9 +11,9 @@
 from __future__ import annotations
 
 import pickle
-from collections.abc import Callable, Hashable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from inspect import getfile
 from itertools import combinations_with_replacement, pairwise
 from math import isclose, isfinite
@@ -25,41 +25,73 @@ import numpy as np
 import yaml
 
 from islandgp.bt.core.language import domain_of, parse
-from islandgp.bt.core.node import Limits, Node, ParallelArgs, leaf, sequence
-from islandgp.domain import Domain, Schema
+from islandgp.bt.core.node import SUCCESS, Limits, Node, ParallelArgs, leaf, sequence
+from islandgp.domain import Domain, Observer, Outcome, SimulatorDomain, prepare
 from islandgp.errors import IslandError, TimeLimitError
 from islandgp.gp.random_trees import TreeSettings, TreeSpace, random_tree
+from islandgp.plugin import raised_in
 from islandgp.resources import resource
 from islandgp.supervision.library import library_folder
-from islandgp.testing.episodes import (
-    SEEDS,
-    Promise,
-    Record,
-    Survey,
-    fault_text,
-    tree_line,
-    unreached,
-)
+from islandgp.testing.episodes import SEEDS, Promise, Record, fault_text, tree_line
 from islandgp.text_files import read_text_file
+from islandgp.time_limit import time_limit
 
 MAX_FAULTS: Final = 10  # failed episodes that are reported
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(slots=True)
 class Check:
-    """The result of `check_domain`."""
+    """The episodes of trees in a domain, and the promises that it breaks."""
 
-    faults: dict[str, str]  # by promise that is broken
-    survey: Survey | None  # the episodes; None: the domain could not be made
+    timeout: float  # of an episode, s; 0: none
+    domain: Any = None  # None: it could not be made
+    faults: dict[str, str] = field(default_factory=dict)  # by promise that is broken
+    runs: list[Record] = field(default_factory=list)  # of the trees that raised no exception
+    crashes: dict[tuple[str, str], str] = field(default_factory=dict)
+    """By type and place: a line on the first exception, with the seed of the world and the tree."""
 
-    @property
-    def trees_run(self) -> int:
-        """Number of trees whose episodes raised no exception."""
-        return len({run.tree for run in self.survey.runs}) if self.survey else 0
+    def lines(self) -> Iterator[str]:
+        """A report: each promise, what no tree has reached, and resources that seem shared."""
+        for promise in Promise if self.runs else self.faults:
+            fault = self.faults.get(promise, "")
+            yield f"{'FAILED' if fault else 'ok':<6}  {promise}"
+            if fault:
+                yield indent(fault, " " * 8)
+        if not self.runs:
+            yield "The other promises are checked as soon as the episode of a tree runs."
+        if lacking := self.unreached():
+            number = len({run.tree for run in self.runs})
+            yield f"\nNot reached by any of {number} trees:"
+            yield from (f"  {line}" for line in lacking)
+            yield "A tree in a .bt file beside the domain's module is run as well."
+        if shared := self.shared():
+            yield "\nActions that seem to share a resource; declare it as their `uses` if they do:"
+            yield from (f"  {line}" for line in shared)
 
     def unreached(self) -> list[str]:
-        """A line for the events, actions and keys of the schema that no tree has reached."""
-        return list(unreached(self.survey)) if self.survey else []
+        """A line for the events, actions, keys and counters that no tree has reached, by kind."""
+        if not self.runs:
+            return []
+        schema, runs = self.domain.schema, self.runs
+        outcomes = [outcome for run in runs for outcome in run.plain]
+        counted = {n for n in schema.counters if any(o.counters.get(n) for o in outcomes)}
+        seen = counted.union(*(run.events | run.credited.keys() for run in runs))
+        paid: Any = getattr(getattr(self.domain, "rewards", None), "events", {})
+        observable = schema.events if isinstance(self.domain, SimulatorDomain) else paid
+        done = {name for run in runs for name, status in run.statuses if status == SUCCESS}
+        able = [n for n, a in schema.vocabulary.actions.items() if SUCCESS in a.statuses]
+        ends = {n: {v for run in runs for v in run.ends.get(n, ())} for n in schema.vocabulary.keys}
+        found = {
+            "events never logged": [n for n in schema.events if n in observable and n not in seen],
+            "actions that never succeeded": [n for n in able if n not in done],
+            "keys that never changed": [
+                f"{n} (always {min(e):g})" for n, e in ends.items() if len(e) == 1
+            ],
+            "counters that stayed 0": [
+                n for n in schema.counters if n not in counted and n not in schema.events
+            ],
+        }
+        return [f"{kind}: {', '.join(names)}" for kind, names in found.items() if names]
 
     def shared(self) -> list[str]:
         """A line for actions that seem to share a resource that they do not declare.
@@ -67,25 +99,62 @@ class Check:
         Two actions do if their order in a parallel changes an episode, and an action does with
         itself if two of it at once do not do the same as one. None if an episode failed.
         """
-        return list(_seem_shared(self.survey)) if self.survey and not self.survey.crashes else []
+        if self.crashes or not self.runs:
+            return []
+        actions = self.domain.schema.vocabulary.actions
+        acting = [name for name, action in actions.items() if not action.condition]
+        return [
+            f"{one} with itself" if one == other else f"{one} and {other}"
+            for one, other in combinations_with_replacement(acting, 2)
+            if not {*actions[one].uses} & {*actions[other].uses}
+            and self._trace(one, other) != self._trace(*dict.fromkeys((other, one)))
+        ]
 
-    def lines(self) -> Iterator[str]:
-        """A report: each promise, what no tree has reached, and resources that seem shared."""
-        for promise in Promise if self.trees_run else self.faults:
-            fault = self.faults.get(promise, "")
-            yield f"{'FAILED' if fault else 'ok':<6}  {promise}"
-            if fault:
-                yield indent(fault, " " * 8)
-        if not self.trees_run:
-            yield "The other promises are checked as soon as the episode of a tree runs."
-            return
-        if lacking := self.unreached():
-            yield f"\nNot reached by any of {self.trees_run} trees:"
-            yield from (f"  {line}" for line in lacking)
-            yield "A tree in a .bt file beside the domain's module is run as well."
-        if shared := self.shared():
-            yield "\nActions that seem to share a resource; declare it as their `uses` if they do:"
-            yield from (f"  {line}" for line in shared)
+    def _trace(self, *names: str) -> int:
+        """The trace of actions at once, behind those that come before them."""
+        actions = self.domain.schema.vocabulary.actions
+        before = [other for other in actions if any(other in actions[n].after for n in names)]
+        at_once = Node("parallel", ParallelArgs("all", "all"), tuple(map(leaf, names)))
+        record = Record(sequence(*map(leaf, before), at_once), self.domain.schema)
+        with suppress(Exception, SystemExit):  # what was seen before is compared
+            self.episode(record.tree, SEEDS[0], observer=record)
+        return record.trace
+
+    def episode(
+        self,
+        tree: Node,
+        seed: int,
+        weights: Mapping[str, float] | None = None,
+        observer: Observer | None = None,
+        domain: Domain | None = None,
+    ) -> Outcome:
+        """The outcome of an episode within the time limit."""
+        domain = domain or self.domain
+        prepare(domain)
+        with time_limit(self.timeout):
+            outcome = domain.run_episode(tree, seed, weights or {}, observer)
+        assert isinstance(outcome, Outcome), f"Expected an Outcome, found {outcome!r:.80}"
+        return outcome
+
+    def run(self, tree: Node) -> None:
+        """Runs a tree in the worlds of SEEDS.
+
+        Raises:
+            TimeLimitError: an episode took too long; it is kept as well.
+        """
+        record, at = Record(tree, self.domain.schema), SEEDS[0]
+        try:
+            record.watched = self.episode(tree, at, observer=record)
+            for at in SEEDS:
+                record.plain.append(self.episode(tree, at))
+        except (Exception, SystemExit) as error:  # a simulator may call sys.exit
+            key = type(error).__name__, raised_in(error) or fault_text(error)
+            line = f"{fault_text(error)} (world seed {at}, tree {tree_line(tree)})"
+            self.crashes.setdefault(key, line)
+            if isinstance(error, TimeLimitError):
+                raise
+        else:
+            self.runs.append(record)
 
 
 def check_domain(
@@ -107,28 +176,30 @@ def check_domain(
     Returns:
         The result. If no episode runs, the other promises are not checked.
     """
+    check = Check(timeout)
     try:
-        survey = Survey(make(), timeout)
-        _run_trees(survey, trees, random_trees)
+        check.domain = make()
+        _run_trees(check, trees, random_trees)
     except (Exception, SystemExit) as error:  # any exception of a domain is a fault
-        return Check({str(Promise.RUNS): fault_text(error)}, None)
-    found: dict[str, str] = {}
-    if survey.crashes:
-        found[Promise.RUNS] = "\n".join(list(survey.crashes.values())[:MAX_FAULTS])
+        check.runs.clear()
+        check.faults[Promise.RUNS] = fault_text(error)
+        return check
+    if check.crashes:
+        check.faults[Promise.RUNS] = "\n".join([*check.crashes.values()][:MAX_FAULTS])
     copies: dict[Promise, Callable[[], Domain]] = {
         Promise.REPEATS: make,
         Promise.PICKLES: lambda: pickle.loads(pickle.dumps(make())),
     }
-    for promise, copy in copies.items() if survey.runs else ():
+    for promise, copy in copies.items() if check.runs else ():
         try:
-            if fault := _other_outcome(survey, copy()):
-                found[promise] = fault
+            if fault := _other_outcome(check, copy()):
+                check.faults[promise] = fault
         except (Exception, SystemExit) as error:
-            found[promise] = fault_text(error)
-    for run in survey.runs:
-        for promise, fault in (*_of_outcomes(survey, run), *run.faults.items()):
-            found.setdefault(promise, fault)
-    return Check({str(promise): found[promise] for promise in Promise if promise in found}, survey)
+            check.faults[promise] = fault_text(error)
+    for run in check.runs:
+        for promise, fault in (*_of_outcomes(check, run), *run.faults.items()):
+            check.faults.setdefault(promise, fault)
+    return check
 
 
 def known_trees(domain: Domain, library: str | None, default: str) -> tuple[list[Node], list[str]]:
@@ -159,9 +230,9 @@ def known_trees(domain: Domain, library: str | None, default: str) -> tuple[list
     return trees, left_out
 
 
-def _run_trees(survey: Survey, trees: Iterable[str | Node], number: int) -> None:
+def _run_trees(check: Check, trees: Iterable[str | Node], number: int) -> None:
     """Runs all trees until one exceeds the time limit, as others would take as long."""
-    vocabulary = survey.domain.schema.vocabulary
+    vocabulary = check.domain.schema.vocabulary
     own = [parse(tree, vocabulary) if isinstance(tree, str) else tree for tree in trees]
     leaves = [leaf(name) for name in vocabulary.actions]
     pairs = [sequence(*pair) for pair in pairwise((leaves[-1], *leaves))]
@@ -173,57 +244,24 @@ def _run_trees(survey: Survey, trees: Iterable[str | Node], number: int) -> None
     drawn = (random_tree(np.random.default_rng(slot), space) for slot in range(number))
     try:
         for tree in (*leaves, *own, *pairs, *drawn, at_random):
-            survey.run(tree)
+            check.run(tree)
     except TimeLimitError:
-        pass  # the survey has kept it
+        pass  # it is among the crashes
 
 
-class _Ticks(Record):
-    """A record of the blackboard in each tick, with the things that move."""
-
-    def __init__(self, tree: Node, schema: Schema) -> None:
-        super().__init__(tree, schema, SEEDS[:1])
-        self.seen: list[Hashable] = []
-
-    def tick(self, board: Sequence[float], scene: Any) -> None:
-        self.seen.append((tuple(board), getattr(scene, "movers", ())))
-
-
-def _seem_shared(survey: Survey) -> Iterator[str]:
-    actions = survey.domain.schema.vocabulary.actions
-    acting = [name for name, action in actions.items() if not action.condition]
-
-    def ticks(*names: str) -> list[Hashable]:
-        """What happens with actions at once, behind those that come before them."""
-        before = [other for other in actions if any(other in actions[n].after for n in names)]
-        at_once = Node("parallel", ParallelArgs("all", "all"), tuple(map(leaf, names)))
-        tree = sequence(*map(leaf, before), at_once)
-        record = _Ticks(tree, survey.domain.schema)
-        with suppress(Exception, SystemExit):  # what was seen before is compared
-            survey.episode(tree, record.seeds[0], observer=record)
-        return record.seen
-
-    for one, other in combinations_with_replacement(acting, 2):
-        if {*actions[one].uses} & {*actions[other].uses}:
-            continue
-        instead = (one,) if one == other else (other, one)
-        if ticks(one, other) != ticks(*instead):
-            yield f"{one} with itself" if one == other else f"{one} and {other}"
-
-
-def _other_outcome(survey: Survey, domain: Domain) -> str:
+def _other_outcome(check: Check, domain: Domain) -> str:
     """A line for the first episode that has another outcome in an equal domain, or ""."""
-    for run in reversed(survey.runs):
-        for seed, before in zip(reversed(run.seeds), reversed(run.plain), strict=True):
-            if before != survey.episode(run.tree, seed, domain=domain):
+    for run in reversed(check.runs):
+        for seed, before in zip(reversed(SEEDS), reversed(run.plain), strict=True):
+            if before != check.episode(run.tree, seed, domain=domain):
                 line = tree_line(run.tree)
                 return f"Expected equal outcomes of equal episodes, found others of {line}"
     return ""
 
 
-def _of_outcomes(survey: Survey, run: Record) -> Iterator[tuple[Promise, str]]:
+def _of_outcomes(check: Check, run: Record) -> Iterator[tuple[Promise, str]]:
     """The promises that a tree's outcomes break, each with a line."""
-    schema = survey.domain.schema
+    schema = check.domain.schema
     for o in run.plain:
         for kind in ("components", "counters"):
             names, declared = ([*getattr(each, kind)] for each in (o, schema))
@@ -237,7 +275,7 @@ def _of_outcomes(survey: Survey, run: Record) -> Iterator[tuple[Promise, str]]:
             line = f"Expected one word for why the episode ended, found {o.endings!r}."
             yield Promise.OUTCOMES, line
     ones = dict.fromkeys(schema.components, 1.0)
-    if run.plain[0] != survey.episode(run.tree, run.seeds[0], ones):
+    if run.plain[0] != check.episode(run.tree, SEEDS[0], ones):
         yield Promise.WEIGHTS, "Expected weights of 1 to change nothing."
     if run.watched != run.plain[0]:
         line = f"Expected the same outcome when observed, found another of {tree_line(run.tree)}"

@@ -3,18 +3,16 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Sequence
 from enum import StrEnum
 from typing import Any, Final
 
 from islandgp.bt.core.engine import ABORTED
 from islandgp.bt.core.language import to_text
-from islandgp.bt.core.node import AGAIN, FAILURE, STATUS_NAMES, SUCCESS, Node, walk
-from islandgp.domain import Domain, Observer, Outcome, Scene, Schema, SimulatorDomain, prepare
-from islandgp.errors import IslandError, TimeLimitError
+from islandgp.bt.core.node import AGAIN, FAILURE, STATUS_NAMES, Node, walk
+from islandgp.domain import Observer, Outcome, Scene, Schema
+from islandgp.errors import IslandError
 from islandgp.plugin import raised_in
-from islandgp.time_limit import time_limit
 
 SEEDS: Final = (0, 1, 2**32 - 1)  # of the worlds of all trees
 FRAMES: Final = 3  # ticks whose frames are checked
@@ -38,54 +36,6 @@ class Promise(StrEnum):
     FRAMES = "frames are png images"
 
 
-@dataclass(frozen=True, slots=True)
-class Survey:
-    """Results of all trees in one domain."""
-
-    domain: Domain
-    timeout: float  # of an episode, s; 0: none
-    runs: list[Record] = field(default_factory=list)  # of the trees that raised no exception
-    crashes: dict[tuple[str, str], str] = field(default_factory=dict)
-    """By type and place: a line on the first exception, with the seed of the world and the tree."""
-
-    def episode(
-        self,
-        tree: Node,
-        seed: int,
-        weights: Mapping[str, float] | None = None,
-        observer: Observer | None = None,
-        domain: Domain | None = None,
-    ) -> Outcome:
-        """The outcome of an episode within the time limit."""
-        domain = domain or self.domain
-        prepare(domain)
-        with time_limit(self.timeout):
-            outcome = domain.run_episode(tree, seed, weights or {}, observer)
-        assert isinstance(outcome, Outcome), f"Expected an Outcome, found {outcome!r:.80}"
-        return outcome
-
-    def run(self, tree: Node, seeds: Sequence[int] = SEEDS) -> Record | None:
-        """Runs a tree in each of some worlds; None if it failed.
-
-        Raises:
-            TimeLimitError: an episode took too long; it is kept as well.
-        """
-        record, at = Record(tree, self.domain.schema, seeds), seeds[0]
-        try:
-            record.watched = self.episode(tree, at, {}, record)
-            for at in seeds:
-                record.plain.append(self.episode(tree, at))
-        except (Exception, SystemExit) as error:  # a simulator may call sys.exit
-            key = type(error).__name__, raised_in(error) or fault_text(error)
-            line = f"{fault_text(error)} (world seed {at}, tree {tree_line(tree)})"
-            self.crashes.setdefault(key, line)
-            if isinstance(error, TimeLimitError):
-                raise
-            return None
-        self.runs.append(record)
-        return record
-
-
 def fault_text(error: BaseException) -> str:
     """The text of an exception, with the place in the author's code."""
     place = raised_in(error)
@@ -100,43 +50,17 @@ def tree_line(tree: Node, most: int = 200) -> str:
     return text if len(text) <= most else f"{text[:most]}..."
 
 
-def unreached(survey: Survey) -> Iterator[str]:
-    """A line for what no tree has reached, by kind."""
-    schema, records = survey.domain.schema, survey.runs
-    actions, keys = schema.vocabulary.actions, schema.vocabulary.keys
-    outcomes = [outcome for record in records for outcome in record.plain]
-    counted = {n for n in schema.counters if any(o.counters.get(n) for o in outcomes)}
-    seen = counted.union(*(record.events | record.credited.keys() for record in records))
-    paid: Any = getattr(getattr(survey.domain, "rewards", None), "events", {})
-    observable = schema.events if isinstance(survey.domain, SimulatorDomain) else paid
-    done = {name for record in records for name, status in record.statuses if status == SUCCESS}
-    ends = {n: {v for record in records for v in record.ends.get(n, ())} for n in keys}
-    for kind, names in {
-        "events never logged": [n for n in schema.events if n in observable and n not in seen],
-        "actions that never succeeded": [
-            n for n in actions if SUCCESS in actions[n].statuses and n not in done
-        ],
-        "keys that never changed": [
-            f"{n} (always {min(e):g})" for n, e in ends.items() if len(e) == 1
-        ],
-        "counters that stayed 0": [
-            n for n in schema.counters if n not in counted and n not in schema.events
-        ],
-    }.items():
-        if names:
-            yield f"{kind}: {', '.join(names)}"
-
-
 class Record(Observer):
     """A tree's episodes, with a summary of the observed one and the first fault by promise."""
 
     watched: Outcome  # in the first world
 
-    def __init__(self, tree: Node, schema: Schema, seeds: Sequence[int]) -> None:
-        self.tree, self.seeds = tree, seeds  # of its worlds
-        self.plain: list[Outcome] = []  # not watched, in each world
+    def __init__(self, tree: Node, schema: Schema) -> None:
+        self.tree = tree
+        self.plain: list[Outcome] = []  # not watched, in each of SEEDS
         self.statuses: set[tuple[str, int]] = set()  # action and status at the end of a tick
         self.ticks = 0
+        self.trace = 0  # a hash of the blackboard and of the things that move, in all ticks
         self.ends: dict[str, tuple[float, float]] = {}  # least and greatest value by key
         self.points = dict.fromkeys(schema.components, 0.0)
         self.credited: Counter[str] = Counter()
@@ -161,6 +85,7 @@ class Record(Observer):
 
     def tick(self, board: Sequence[float], scene: Any) -> None:
         self.ticks += 1
+        self.trace = hash((self.trace, *board, getattr(scene, "movers", ())))
         self._look_at_board(board)
         if isinstance(scene, Scene):
             self._look_at_scene(scene)
