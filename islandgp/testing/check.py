@@ -128,7 +128,18 @@ class Check:
         observer: Observer | None = None,
         domain: Domain | None = None,
     ) -> Outcome:
-        """The outcome of an episode within the time limit."""
+        """Runs an episode within the time limit.
+
+        Args:
+            tree: with actions of the domain.
+            seed: of the world.
+            weights: by component; None: 1 for each.
+            observer: of the episode.
+            domain: another one; None: that of the check.
+
+        Returns:
+            The outcome.
+        """
         domain = domain or self.domain
         prepare(domain)
         with time_limit(self.timeout):
@@ -138,6 +149,9 @@ class Check:
 
     def run(self, tree: Node) -> None:
         """Runs a tree in the worlds of SEEDS.
+
+        Args:
+            tree: with actions of the domain.
 
         Raises:
             TimeLimitError: an episode took too long; it is kept as well.

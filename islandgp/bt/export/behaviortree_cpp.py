@@ -166,17 +166,11 @@ class _XmlWriter(TreeWriter):
                 values = argument_values(node.args, arguments).items()
                 ports = {k: _FLAGS.get(str(v), v) if k in flags else v for k, v in values}
                 return _element(name, ports)
-            case AlwaysArgs("running"):
-                return _element("KeepRunningUntilFailure", {}, ["<AlwaysSuccess/>"])
             case AlwaysArgs(status):
                 return _element(f"Always{status.capitalize()}", {})
             case SetArgs(assigned):
                 return _element("Script", {"code": self._assignment(assigned)})
         inside = [line for lines in self.children(node, observed) for line in lines]
-        if node.kind == "until_success":
-            for tag in ("Inverter", "KeepRunningUntilFailure", "Inverter"):
-                inside = _element(tag, {}, inside)
-            return inside
         if node.kind == "if_else" and len(node.children) == 2:
             # Without a third child the library does not reset the first one after its failure.
             inside += _element("AlwaysFailure", {"name": NO_ELSE})

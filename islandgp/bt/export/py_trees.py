@@ -133,15 +133,9 @@ class _PythonWriter(TreeWriter):
                     return [f"action({name!r}, **{arguments!r}),"]
                 given = "".join(f", {key}={value!r}" for key, value in arguments.items())
                 return [f"action({name!r}{given}),"]
-            case AlwaysArgs("running"):
-                return _call("SuccessIsRunning('always running', child=", [["Success('success'),"]])
             case AlwaysArgs(status):
                 return [f"{status.capitalize()}('always {status}'),"]
         children = self.children(node, observed)
-        if node.kind == "until_success":
-            children = [_call("Inverter('inverter', child=", children)]
-            children = [_call("SuccessIsRunning('until_failure', child=", children)]
-            return _call("Inverter('inverter', child=", children)
         target = self.target(node, observed)
         python = target.python if target else "EternalGuard({condition}, child="
         if "(" not in python:

@@ -15,7 +15,7 @@ from islandgp.bt.analysis.context import has_interrupting_guard
 from islandgp.bt.analysis.names import fresh_name
 from islandgp.bt.core.kind import Target
 from islandgp.bt.core.kinds import kind_of
-from islandgp.bt.core.node import Node, marks_of
+from islandgp.bt.core.node import AlwaysArgs, Node, marks_of
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import DomainError
 
@@ -44,7 +44,7 @@ class TreeWriter(ABC):
             observed: a composite above observes guards here, through decorators.
         """
         *uses, own = marks_of(node)
-        lines = [*self.comments(own.comments.lines), *self.element(node, observed)]
+        lines = [*self.comments(own.comments.lines), *self.element(_expanded(node), observed)]
         for mark in reversed(uses):
             key = mark.name, tuple(lines)
             if key not in self._names:
@@ -103,6 +103,17 @@ class TreeWriter(ABC):
     def comments(self, texts: Sequence[str]) -> list[str]:  # noqa: ARG002
         """The lines of comments; by default none."""
         return []
+
+
+def _expanded(node: Node) -> Node:
+    """A node as other libraries have it: repeated without end is what has not failed."""
+    match node:
+        case Node("until_success", _, children):
+            inverted = Node("until_failure", (), (Node("inverter", (), children),))
+            return Node("inverter", (), (inverted,))
+        case Node("always", AlwaysArgs("running")):
+            return Node("until_failure", (), (Node("always", AlwaysArgs("success")),))
+    return node
 
 
 def own_nodes(name: str) -> str:

@@ -45,7 +45,7 @@ def environment(name: str, options: str, render: bool) -> Any:
     while type(env).__name__ in OUTER_WRAPPERS:
         env = env.env  # type: ignore[attr-defined]
     if type(env.action_space) is gymnasium.spaces.Discrete:
-        # `_check` has checked the actions; a check in each step is half of CartPole's time.
+        # `_faults` has checked the actions; a check in each step is half of CartPole's time.
         env.action_space.contains = lambda x: True  # type: ignore[method-assign]  # noqa: ARG005
     return env
 
@@ -70,7 +70,8 @@ class Gymnasium(SimulatorDomain):
             )
         domain = cls(world, rewards)
         spaces = Spaces.of(domain.environment(render=False), world.environment)
-        _check(world, spaces)
+        if fault := next(_faults(world, spaces), ""):
+            raise ConfigError(f"world.{fault}")
         whole = [place for place, at in spaces.places.items() if spaces.whole[at]]
         domain.schema = world.declared(whole)
         return domain
@@ -145,21 +146,16 @@ class _Episode:
         """A leaf that chooses an action of the environment, and succeeds immediately."""
         places = {key: each.at for key, each in choice.arguments.items()}
 
-        choice_of_leaf = (choice.do, name)
-
-        def choose() -> bool:
-            self._chosen = choice_of_leaf
+        def choose(**values: float) -> bool:
+            action: Any = self._chosen[0] if choice.do is None else choice.do
+            if values:
+                action = [*action]
+                for key, value in values.items():
+                    action[places[key]] = value
+            self._chosen = (action, name)
             return True
 
-        def fill(**values: float) -> bool:
-            begin: Any = self._chosen[0] if choice.do is None else choice.do
-            numbers = [*begin]
-            for key, value in values.items():
-                numbers[places[key]] = value
-            self._chosen = (numbers, name)
-            return True
-
-        return fill if places else choose
+        return choose
 
     def reader(self, keys: Mapping[str, Key]) -> Callable[[], list[float]]:
         """See `SimulatorDomain`. Reads observations directly, without a dict."""
@@ -223,13 +219,8 @@ class _Episode:
         return Scene(self._picture.bounds)
 
 
-def _check(world: settings.GymnasiumWorld, spaces: Spaces) -> None:
-    """Raises ConfigError if the environment lacks an observation or action of the configuration."""
-    for line in _faults(world, spaces):
-        raise ConfigError(f"world.{line}")
-
-
 def _faults(world: settings.GymnasiumWorld, spaces: Spaces) -> Iterator[str]:
+    """What the environment lacks of the configuration."""
     name, actions, bounds = world.environment, spaces.actions, spaces.bounds
     for key, observation in world.observations.items():
         if (at := observation.at) not in spaces.places:
