@@ -20,7 +20,7 @@ from islandgp.errors import IslandError, RunError, SupervisionError, TrackingErr
 from islandgp.gate import check_folder, cleaned
 from islandgp.records.folder import RunFolder, Status, run_folders
 from islandgp.records.sweep import read_sweep, write_sweep
-from islandgp.tracking.store import Store, TrackingStore, run_key
+from islandgp.tracking.store import Store, TrackingStore
 
 PERIOD: Final = 5.0  # least s between two pages of an unfinished run
 SHARE: Final = 0.1  # largest share of the time for writing them
@@ -154,7 +154,7 @@ def delete_command(run: Path, yes: bool) -> None:
         if each.status() is Status.RUNNING:
             raise RunError(f"Expected a run that has ended, found one at work: {each.path}")
         if place := place_of(each, places):
-            keys.append((place, run_key(about)))
+            keys.append((place, about.id))
     used = list(dict.fromkeys(place for place, _ in keys))
     keys += [(place, sweep.id) for place in used if sweep is not None]
     what = f"{len(runs)} run{'s' * (len(runs) != 1)} in {cleaned(str(run))}"

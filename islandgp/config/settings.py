@@ -96,7 +96,7 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
     seed: int = Field(ge=0, lt=2**63)
     name: str = Field(pattern=NAME, max_length=60)
     runs: str = Field(min_length=1)
-    resume: Literal["auto", "never", "force"]
+    resume: Literal["auto", "never"]
     keep_going: bool = True  # of a sweep, after a job has failed
     progress: Literal["plain", "off"]
     start: str | None = Field(None, min_length=1)

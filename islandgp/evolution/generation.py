@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from time import perf_counter
 
@@ -31,7 +31,7 @@ class Parts:
     streams: Streams
     search: Search
     evaluator: Evaluator
-    library_episodes: Callable[[], int]  # of the search for a library, in this run so far
+    library_episodes: int  # of the search for a library
 
 
 @dataclass(frozen=True, slots=True)

@@ -8,7 +8,7 @@ from any of its states has the same records.
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Callable, Generator, Iterable
+from collections.abc import Generator, Iterable
 from dataclasses import dataclass
 from itertools import islice
 from time import perf_counter
@@ -48,7 +48,7 @@ def evolve(
     search: Search | None = None,
     start: RunState | None = None,
     past: Iterable[GenerationRecord] = (),
-    library_episodes: Callable[[], int] = lambda: 0,
+    library_episodes: int = 0,
 ) -> Generator[Step, None, None]:
     """Yields a step for each generation from `start` to the last one.
 
@@ -61,7 +61,7 @@ def evolve(
         start: the state to continue from; default: generation 0.
         past: records of the generations before `start`, from 0 on; needed only by supervisors
             that use more than the state.
-        library_episodes: returns the episodes of the search for a library so far.
+        library_episodes: of the search for a library, which generation 0 counts.
 
     Raises:
         EvaluationError, SupervisionError: the run cannot continue.
@@ -118,16 +118,15 @@ class _Loop:
         history = (*state.history, done.stats)
         population = population_state(plan, history)
         champion = updated_champion(state.champion, g, done.records, plan.constraints)
-        library = max(state.library, parts.library_episodes())
-        outside = library - state.library  # episodes outside training
+        library = 0 if g else parts.library_episodes
+        outside = library  # episodes outside training
         stopped = plan.stop.reason(done.population)
         guidance = following = None
         if not stopped and plan.left(g, state.spent + done.episodes + outside) > 0:
             waiting = perf_counter()
             answer = self._answer(state, done, population)
             waited = perf_counter() - waiting
-            library = max(library, parts.library_episodes())
-            outside = library - state.library + answer.episodes
+            outside += answer.episodes
             names = nameable(done.records, done.archive.elites) if plan.switches.edits else {}
             rate = state.advice.rate
             guidance, advice = decide(plan, parts.search, population, answer, rate, names=names)
@@ -135,9 +134,7 @@ class _Loop:
             spent = state.spent + done.episodes + outside
             parents = {e.parents[0]: names[e.parents[0]] for e in advice.edited}
             elites = done.archive.elites
-            following = RunState(
-                g + 1, advice, history, memory, champion, spent, library, elites, parents
-            )
+            following = RunState(g + 1, advice, history, memory, champion, spent, elites, parents)
         record = GenerationRecord(
             snapshot=done.stats,
             worlds=done.worlds,
@@ -155,7 +152,7 @@ class _Loop:
             episodes=done.episodes + outside,
             llm=self.supervisor.spent(),
             outside_training=outside,
-            library=library - state.library,
+            library=library,
         )
         self.guidance = guidance
         return Step(record, following, champion, cost, stopped, done.archive.elites)

@@ -149,7 +149,6 @@ class RunState:
     """`SearchState.memory`; as plain values if it was read from a checkpoint."""
     champion: Champion | None
     spent: Annotated[int, Field(ge=0)] = 0  # episodes of the generations before
-    library: Annotated[int, Field(ge=0)] = 0  # of these, episodes of the search for a library
     archive: tuple[Elite, ...] = ()  # by cell
     edit_parents: dict[str, str] = field(default_factory=dict)
     """Texts of the trees whose edits the next generation evaluates, by id."""

@@ -150,7 +150,6 @@ class RunMetadata:
     home: str  # absolute path of the folder in which the command was given
     command: str  # that starts the run, or continues it
     started: int  # ms since 1970
-    identity: str  # hash of the configuration that determines the records
     tags: dict[str, str]
     domain_code: str = ""  # digest of the domain's source; "" for the package's own domains
     start: str = ""  # digest of the archive that it starts from; "" for none

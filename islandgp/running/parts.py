@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -111,40 +111,30 @@ def _tree_of(start: str, vocabulary: Vocabulary | None = None) -> Node:
     return parse(read_text_file(path), vocabulary, name=start, folder=path.parent, marked=True)
 
 
-@dataclass(slots=True)
-class LoadedLibrary:
-    """A run's library, which is loaded once, when it is first needed."""
-
-    library: Library | None = None
-
-    @property
-    def episodes(self) -> int:
-        """Episodes of the search for the library; 0 until the run loads it."""
-        return 0 if self.library is None else self.library.episodes
-
-    def of(self, settings: Settings, domain: Domain) -> Library:
-        """The library. Raises as `make_library`."""
-        if self.library is None:
-            self.library = make_library(settings, domain)
-        return self.library
+def searched_library(settings: Settings) -> bool:
+    """True if the run reads a library that a search has to find."""
+    return settings.library.folder is None and is_read("library", keys_read(settings))
 
 
 def run_context(
-    settings: Settings, folder: Path | None = None, loaded: LoadedLibrary | None = None
+    settings: Settings, folder: Path | None = None, library: Library | None = None
 ) -> RunContext:
-    """The arguments of a supervisor's `make`; parts that the search does not use are off."""
-    loaded, uses = loaded or LoadedLibrary(), settings.search.factory.uses
+    """The arguments of a supervisor's `make`; parts that the search does not use are off.
+
+    The library is loaded when the supervisor asks for it, unless it is given.
+    """
+    uses = settings.search.factory.uses
     problem, curriculum = settings.problem(), settings.curriculum
     domain = problem.domain
     reads = settings.supervisor.reads()
     keys = {*RUN_READS, *(key for part in reads.values() for key in part)}
 
-    def library() -> Library:
+    def loaded() -> Library:
         """Loads the library; an empty one if it would be searched for, and is not used."""
         must_be_declared("library", keys)
-        if settings.library.folder is None and not is_read("library", keys_read(settings)):
+        if settings.library.folder is None and not searched_library(settings):
             return Library({}, {}, {}, {})
-        return loaded.of(settings, domain)
+        return library or make_library(settings, domain)
 
     return RunContext(
         seed=settings.seed,
@@ -156,7 +146,7 @@ def run_context(
         domain_in=lambda generation: problem.at(curriculum.stage(generation)),
         rewards=settings.rewards,
         classes=settings.classes,
-        library=library,
+        library=loaded,
         crisis=settings.gp.crisis,
         gp=declared(settings.gp, "gp", keys),
         curriculum=curriculum,
@@ -185,12 +175,13 @@ def make_library(settings: Settings, domain: Domain) -> Library:
 def plan_of(
     settings: Settings,
     domain: Domain,
-    loaded: LoadedLibrary | None = None,
+    library: Library | None = None,
     warn: Callable[[str], None] = lambda _: None,
 ) -> Plan:
     """The plan of a run, with the first trees of its population from a library or an archive.
 
-    `warn` is called with one line if trees of an archive are left out.
+    The library is loaded if it is needed and not given. `warn` is called with one line if trees
+    of an archive are left out.
 
     Raises ConfigError, RunError or TreeError if these cannot be loaded.
     """
@@ -201,19 +192,19 @@ def plan_of(
         return replace(plan, founders=trees)
     if not settings.gp.founders:
         return plan
-    library = (loaded or LoadedLibrary()).of(settings, domain)
+    library = library or make_library(settings, domain)
     names = dict.fromkeys(name for target in library.targets.values() for name in target)
     founders = (library.trees[name] for name in names)
     return replace(plan, founders=tuple(t for t in founders if within(t, plan.gp.limits)))
 
 
 def make_supervisor(
-    settings: Settings, folder: Path | None, loaded: LoadedLibrary | None = None
+    settings: Settings, folder: Path | None, library: Library | None = None
 ) -> Supervisor:
     """Makes the configured supervisor. Raises SupervisionError if it cannot work."""
     part = settings.supervisor
     with plugin_errors(path_of(part.factory)):
-        context = run_context(settings, folder, loaded)
+        context = run_context(settings, folder, library)
         supervisor: Supervisor = part.factory.make(part.settings(), context)
         if not callable(getattr(supervisor, "advise", None)):
             kind = type(supervisor).__name__

@@ -31,8 +31,7 @@ def choose(folder: RunFolder, settings: Settings, config: Mapping[str, Any]) -> 
 
     Raises:
         RunError: the folder holds a run of another configuration or of other code of the
-            domain, and `resume` is `auto`, or `force` while that run is finished; or its
-            files are damaged.
+            domain, or its files are damaged.
     """
     if not folder.begun():
         return folder
@@ -48,7 +47,7 @@ def choose(folder: RunFolder, settings: Settings, config: Mapping[str, Any]) -> 
     start = _start_digest(settings, finished=folder.finished())
     if about is not None and start not in (about.start, ""):
         changed.append(f"start: the content of {settings.start}")
-    if changed and (settings.resume != "force" or folder.finished()):
+    if changed:
         state = "the finished run" if folder.finished() else "the run"
         raise RunError(
             f"Expected the configuration of {state} in {folder.path}, found it changed:\n  "
@@ -98,7 +97,7 @@ def about_run(
     before = target.about()
     shaping, start = identity_config(config), _start_digest(settings)
     if start:
-        shaping["start"] = start  # in place of the archive's path
+        shaping["start"] = start  # in place of its path
     without_seed = {key: value for key, value in shaping.items() if key not in {"seed", "name"}}
     return RunMetadata(
         id=before.id if before else uuid4().hex,
@@ -106,7 +105,6 @@ def about_run(
         home=str(home),
         command=command,
         started=before.started if before else int(1000 * time()),
-        identity=_hash(shaping),
         tags={
             "domain": settings.make_domain().schema.vocabulary.domain,
             "supervisor": settings.supervisor.name,
@@ -156,14 +154,7 @@ def _commit(checkout: Path) -> str:
     """
     if not (checkout / ".git").exists():
         return ""
-    words = [
-        "git",
-        "--no-optional-locks",
-        "status",
-        "--porcelain=v2",
-        "--branch",
-        "-uno",
-    ]
+    words = ["git", "--no-optional-locks", "status", "--porcelain=v2", "--branch", "-uno"]
     try:
         lines = subprocess.check_output(words, cwd=checkout, text=True, timeout=5).splitlines()
     except (OSError, subprocess.SubprocessError):

@@ -26,15 +26,17 @@ from islandgp.records.folder import RunFolder, Status
 from islandgp.records.parameters import redacted
 from islandgp.running.best_robot import best_robot
 from islandgp.running.parts import (
-    LoadedLibrary,
     make_evaluator,
+    make_library,
     make_search,
     make_supervisor,
     plan_of,
+    searched_library,
 )
 from islandgp.running.report import Progress, is_mostly_fallback, proposals, report, summary
 from islandgp.running.resume import about_run, choose
 from islandgp.supervision.base import GenerationListener, Supervisor, SupervisorLifecycle
+from islandgp.supervision.library import Library
 from islandgp.tracking.base import Tracker
 from islandgp.viewer.history import RunRecords, read_history
 from islandgp.viewer.run_page import write_page
@@ -94,9 +96,10 @@ def run(
     tracker: Tracker = settings.tracking.factory.make(settings.tracking.settings(), home)
     if target.finished():
         return _complete(target, tracker, settings)
-    loaded = LoadedLibrary()
-    supervisor = make_supervisor(settings, target.path, loaded)
-    plan = plan_of(settings, settings.make_domain(), loaded, _warn)
+    domain = settings.make_domain()
+    library = make_library(settings, domain) if searched_library(settings) else None
+    supervisor = make_supervisor(settings, target.path, library)
+    plan = plan_of(settings, domain, library, _warn)
     about = about_run(settings, config, target, home, command)
     status, history = Status.FAILED, None
     try:
@@ -105,7 +108,7 @@ def run(
             return _complete(target, tracker, settings)
         tracker.start(target)
         try:
-            history = _evolve(settings, plan, target, supervisor, tracker, loaded, on_generation)
+            history = _evolve(settings, plan, target, supervisor, tracker, library, on_generation)
             status = Status.FINISHED
         except (KeyboardInterrupt, _CallbackError):
             status = Status.KILLED
@@ -165,7 +168,7 @@ def _evolve(
     target: RunFolder,
     supervisor: Supervisor,
     tracker: Tracker,
-    loaded: LoadedLibrary,
+    library: Library | None,
     on_generation: OnGeneration | None,
 ) -> RunRecords:
     """The generations, the best robot, the archive and the summary, all written to the folder."""
@@ -190,7 +193,7 @@ def _evolve(
         search=search,
         start=start,
         past=target.generations() if done and needs_past else (),
-        library_episodes=lambda: loaded.episodes,
+        library_episodes=library.episodes if library else 0,
     )
 
     with closing(evaluator), closing(steps):

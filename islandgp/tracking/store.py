@@ -30,7 +30,6 @@ if TYPE_CHECKING:
     from mlflow.entities import Metric, Run
     from mlflow.tracking import MlflowClient
 
-    from islandgp.records.files import RunMetadata
 
 SQLITE: Final = "sqlite:///"
 PARAMETERS: Final = 100  # MLflow's limit of parameters a call
@@ -229,11 +228,6 @@ class Store:
     def last_step(self, run: str, metric: str) -> int:
         """The last step logged of a metric; -1 when there is none."""
         return max((m.step for m in self.client.get_metric_history(run, metric)), default=-1)
-
-
-def run_key(about: RunMetadata) -> str:
-    """The key of a run for `Store.find`; a folder has another run after `resume=force`."""
-    return f"{about.id}.{about.identity}"
 
 
 def points(values: Mapping[str, float], at: int, step: int) -> list[Metric]:

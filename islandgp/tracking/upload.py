@@ -34,7 +34,7 @@ from islandgp.records.parameters import flat
 from islandgp.records.sweep import Sweep, arm_of, arm_table, job_of, sweep_note
 from islandgp.records.values import generation_values, metric_values, run_values, sentences
 from islandgp.scoring.constraints import recorded_constraints
-from islandgp.tracking.store import ARM, LOCK, SENT, Store, points, run_key
+from islandgp.tracking.store import ARM, LOCK, SENT, Store, points
 from islandgp.viewer.run_page import write_page
 
 MARKER_METRIC: Final = "fitness_max"  # a metric that every generation has
@@ -70,7 +70,7 @@ class RunUploader:
         if status is Status.FINISHED and folder.finished():
             folder.must_be_sound()
         with FileLock(folder.path / LOCK):
-            done, stored = f"{status} {folder.completed_generations()}", store.find(run_key(about))
+            done, stored = f"{status} {folder.completed_generations()}", store.find(about.id)
             before = None if stored is None else (stored.info.status, stored.data.tags.get(SENT))
             run = self._create(about) if stored is None else str(stored.info.run_id)
             if before == (status, done):
@@ -95,7 +95,7 @@ class RunUploader:
         tags = {**about.tags, ARM: levels_first(arm)}
         tags |= {"mlflow.parentRunId": parent} if parent else {}
         run = self.store.create(
-            run_key(about), about.title, command=about.command, started=about.started, tags=tags
+            about.id, about.title, command=about.command, started=about.started, tags=tags
         )
         if parent:
             self.store.delete_children(parent, about.title, without=run)
@@ -205,7 +205,7 @@ def send_sweep(sweep: Sweep, store: Store, status: Status) -> None:
         client.log_artifact(run, str(sweep.path / "sweep.json"))
         for job in sweep.jobs:
             about = sweep.run(job).about()
-            child = None if about is None else store.find(run_key(about))
+            child = None if about is None else store.find(about.id)
             if child is not None:
                 tags = {
                     ARM: levels_first(sweep.arm(job)),

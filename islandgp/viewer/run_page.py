@@ -78,7 +78,7 @@ def run_page(
     if status is Status.FINISHED:
         summary = folder.summary()
         champion = {**summary["champion"]["record"], "tree": summary["champion"]["tree"]}
-    about = folder.about() or RunMetadata("", folder.path.name, "/", "", 0, "", {})
+    about = folder.about() or RunMetadata("", folder.path.name, "/", "", 0, {})
     view = RunView(folder, about, status, folder.configuration(), history, champion, summary)
     data = {
         "status": status.value,

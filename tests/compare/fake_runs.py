@@ -183,7 +183,7 @@ def written(
         end = json.dumps(summary)
         about = {
             "id": folder.name, "title": folder.name, "home": "/", "command": "", "started": 1,
-            "identity": "", "tags": {"domain": "island"},
+            "tags": {"domain": "island"},
         }  # fmt: skip
         (folder / "about.json").write_text(json.dumps(about))
         archive = ArchiveFile("island", {"pickups": (1.0,)}, 0.0, 0.0, 0.0, ())

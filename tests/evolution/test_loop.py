@@ -370,7 +370,7 @@ def test_every_episode_counts_in_the_budget() -> None:
     assert len(run(run_plan)) == 16
 
     def steps(start: RunState | None = None) -> list[Step]:
-        generations = evolve(run_plan, 1, Tries(), Fake(), start=start, library_episodes=lambda: 50)
+        generations = evolve(run_plan, 1, Tries(), Fake(), start=start, library_episodes=50)
         return list(generations)
 
     straight = steps()

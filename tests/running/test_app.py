@@ -23,7 +23,6 @@ from islandgp.running.app import main
 from islandgp.running.resume import differences
 from tests.composed import composed, named
 from tests.profiles import sweep
-from tests.records.listed import add_to_manifest
 from tests.running.commands import TINY, fake
 from tests.running.histories import store, tracked
 
@@ -169,34 +168,6 @@ def test_a_changed_configuration_is_refused_with_the_keys_that_differ(
     assert "  gp.tournament_size: 4 -> 3\n" in errors
     assert "progress" not in errors
     assert "Traceback" not in errors
-
-
-def test_resume_force_goes_on_with_the_new_configuration(cwd: Path) -> None:
-    """Generations before the change stay; those after it are the new configuration's."""
-    broken = [*TINY, "tracking=off", *fake("Breaks", after=2, how="error")]
-    assert main(broken) == 2
-    (folder,) = leaf(cwd)
-    records = cwd / "runs/default" / folder / "generations.jsonl"
-    before = records.read_bytes()
-    config = cwd / "runs/default" / folder / "config.yaml"
-    config.write_text(config.read_text().replace("tournament_size: 3", "tournament_size: 4"))
-    assert main([*INSTANT, "resume=force"]) == 0
-    assert leaf(cwd) == [folder]
-    assert records.read_bytes().startswith(before)
-    assert "tournament_size: 3" in config.read_text()
-
-
-def test_resume_force_does_not_touch_a_finished_run(
-    cwd: Path, capsys: pytest.CaptureFixture[str]
-) -> None:
-    """There is nothing to go on from: the message names the keys and `resume=never`."""
-    main(INSTANT)
-    (folder,) = leaf(cwd)
-    config = cwd / "runs/default" / folder / "config.yaml"
-    config.write_text(config.read_text().replace("tournament_size: 3", "tournament_size: 4"))
-    add_to_manifest(config.parent, "config.yaml")
-    assert main([*INSTANT, "resume=force"]) == 2
-    assert "the finished run" in capsys.readouterr().err
 
 
 def test_a_fault_of_the_program_gives_its_traceback_once(

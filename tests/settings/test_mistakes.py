@@ -74,7 +74,7 @@ ONE_LINE = [
     (["seed=-1"], "seed=-1: input should be greater than or equal to 0"),
     (["name='a b'"],
      "name='a b': string should match pattern '^[A-Za-z0-9][A-Za-z0-9._-]*$'"),
-    (["resume=perhaps"], "resume='perhaps': input should be 'auto', 'never' or 'force'"),
+    (["resume=perhaps"], "resume='perhaps': input should be 'auto' or 'never'"),
     (["search=paper", "gp.tournament_size=50"],
      "gp.tournament_size: expected at most gp.population = 30, found 50"),
     (["world.start=[500,400]"],

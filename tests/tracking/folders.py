@@ -28,7 +28,7 @@ SMALL = ("supervisor=baseline", "gp.population=8", "gp.generations=5", "tracking
 
 def about(name: str, home: Path, *, seed: int = 1, **changes: str) -> RunMetadata:
     """The metadata of a run of that name."""
-    fields = {"id": f"id-{name}", "identity": "i1", "command": "python -m islandgp", **changes}
+    fields = {"id": f"id-{name}", "command": "python -m islandgp", **changes}
     return RunMetadata(
         title=name,
         home=str(home),

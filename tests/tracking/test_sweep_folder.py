@@ -11,7 +11,7 @@ from islandgp.errors import RunError
 from islandgp.records.files import pretty
 from islandgp.records.folder import RunFolder, Status
 from islandgp.records.sweep import Sweep, SweepJob, arm_table, at_work, power_line
-from islandgp.tracking.store import Store, run_key
+from islandgp.tracking.store import Store
 from islandgp.tracking.upload import RunUploader, levels_first, parent_run, send_sweep
 from tests.records.listed import add_to_manifest
 from tests.tracking.folders import begun, closed_run
@@ -169,7 +169,7 @@ def test_a_finished_sweep_is_described(home: Path, store: Store) -> None:
     for entry in sweep.jobs:
         about = sweep.run(entry).about()
         assert about is not None
-        child = store.find(run_key(about))
+        child = store.find(about.id)
         assert child is not None
         assert child.data.tags["mlflow.parentRunId"] == parent
 

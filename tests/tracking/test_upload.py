@@ -10,7 +10,7 @@ from mlflow.entities import Run
 
 from islandgp.errors import TrackingError
 from islandgp.records.folder import RunFolder, Status
-from islandgp.tracking.store import SENT, Store, run_key
+from islandgp.tracking.store import SENT, Store
 from islandgp.tracking.upload import RunUploader
 from tests.records.listed import add_to_manifest
 from tests.tracking.folders import begun, closed_run, history, place, steps
@@ -25,7 +25,7 @@ def run_of(store: Store, folder: RunFolder) -> Run:
     """The folder's MLflow run."""
     about = folder.about()
     assert about is not None
-    run = store.find(run_key(about))
+    run = store.find(about.id)
     assert run is not None
     return run
 
@@ -135,19 +135,6 @@ def test_a_run_goes_on_in_the_same_mlflow_run(home: Path, store: Store) -> None:
     assert uploader.send(Status.FAILED)[0] == run
     reopened.close()
     assert history(store, run) == maxima(4)
-
-
-def test_another_configuration_in_the_folder_is_another_mlflow_run(
-    home: Path, store: Store
-) -> None:
-    """`resume=force`: parameters of an MLflow run cannot change, so there is a new one."""
-    folder = closed_run(home / "runs/a/one", home, 2)
-    first, _ = RunUploader(folder, store).send(Status.KILLED)
-    changed = begun(folder.path, home, identity="i2")
-    second, _ = RunUploader(changed, store).send(Status.RUNNING)
-    changed.close()
-    assert second != first
-    assert history(store, second) == maxima(2)
 
 
 def test_another_store_gets_all_of_it(home: Path, store: Store) -> None:

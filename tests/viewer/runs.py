@@ -40,7 +40,6 @@ def about(home: Path, **changes: Any) -> RunMetadata:
         "home": str(home),
         "command": "python -m islandgp supervisor=baseline world=dense seed=1",
         "started": 1_700_000_000_000,
-        "identity": "i",
         "tags": {"domain": "island", "code": "0"},
     }
     return RunMetadata(**{**fields, **changes})
