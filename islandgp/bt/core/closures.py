@@ -158,10 +158,7 @@ def parallel(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
                 running = AGAIN
         if failed < failure and succeeded < success and succeeded + failed < count:
             return running
-        for at, status in enumerate(statuses):
-            if status >= RUNNING:
-                compiler.changed_midtick = True
-                stops[at]()
+        compiler.stop_running(stops, [status >= RUNNING for status in statuses])
         return SUCCESS if failed < failure and succeeded >= success else FAILURE
 
     return tick
@@ -192,10 +189,7 @@ def pipeline(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
                 furthest = at
                 # The children before it that ended start again in the next tick.
                 return AGAIN if at else status
-        for at, still_running in enumerate(running):
-            if still_running:
-                compiler.changed_midtick = True
-                stops[at]()
+        compiler.stop_running(stops, running)
         return status
 
     return tick

@@ -8,10 +8,11 @@ within a tick; what is ticked after it sees the new value.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, MutableSequence
+from collections.abc import Callable, Iterable, Mapping, MutableSequence, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import partial
+from itertools import compress
 from math import ceil, inf
 from typing import Any, Final, NamedTuple, SupportsFloat, TypeAlias, cast
 
@@ -144,6 +145,12 @@ class Compiler:
 
         rng = stream(self._seed, Stream.ORDER, slot=len(self._running))
         return lambda: rng.permutation(count).tolist()
+
+    def stop_running(self, stops: Sequence[Stop], running: Iterable[bool]) -> None:
+        """Stop the children of a composite that run, as it ends."""
+        for stop in compress(stops, running):
+            self.changed_midtick = True
+            stop()
 
     def _watched(self, tick: Tick, position: int, watch: Watch) -> Tick:
         running = self._running

@@ -73,8 +73,6 @@ class NodeKind:
 
     advance_status: int | None = None
     """Of a selector or sequence: the status of a child with which the next one starts."""
-    dual: str = ""
-    """Of a selector or sequence: the kind that is the same with SUCCESS and FAILURE exchanged."""
     reactive: bool = False
     """Of a selector or sequence: it begins with its first child in each tick. It observes no
     guards."""

@@ -21,7 +21,6 @@ from islandgp.bt.core.includes import ParsedFile, load_includes
 from islandgp.bt.core.kind import Sort
 from islandgp.bt.core.kinds import CALLABLE, KEYWORDS, KINDS, SHORT, UNLIMITED
 from islandgp.bt.core.node import Node, Place, guard_of, marks_of
-from islandgp.bt.core.printer import lines_of
 from islandgp.bt.core.printer import to_text as to_text
 from islandgp.bt.core.source import Source, plain, shown
 from islandgp.bt.core.vocabulary import Vocabulary
@@ -190,13 +189,8 @@ def files_of(
 def _built(builder: Builder, parts: Sequence[ParsedFile]) -> Node:
     """The tree of a text. Raises LimitError if its canonical text is too long for `parse`."""
     node = builder.build(parts)
-    source, tree = parts[-1]
-    # Two lines a node, indented by two blanks a level; the words are those of the text.
-    most = 2 * len(source.text) + 4 * builder.nodes * builder.levels
-    is_short = len(parts) == 1 and len(tree.children) == 1 and most <= MAX_CHARACTERS
-    length = 0 if is_short else sum(len(line) + 1 for line in lines_of(node))
-    if length > MAX_CHARACTERS:
-        raise source.error(
+    if (length := len(to_text(node))) > MAX_CHARACTERS:
+        raise parts[-1].source.error(
             (1, 1),
             f"the tree's canonical text, each use expanded, has {length} characters",
             f"at most {MAX_CHARACTERS}; shorten the tree",

@@ -347,13 +347,7 @@ def levels(tree: Node, level: int = 1) -> list[int]:
 
 def measured(tree: Node) -> list[tuple[Node, int, int]]:
     """Each node with its size and depth, in document order."""
-    below: list[tuple[Node, int, int]] = []
-    depths = [0]
-    for child in tree.children:
-        nodes = measured(child)
-        depths.append(nodes[0][2])
-        below += nodes
-    return [(tree, 1 + len(below), 1 + max(depths)), *below]
+    return [(node, *size_and_depth(node)) for node in walk(tree)]
 
 
 def replace_at(tree: Node, index: int, new: Node) -> Node:
@@ -391,10 +385,9 @@ def within(node: Node, limits: Limits) -> bool:
 
 def check_limits(node: Node, limits: Limits) -> None:
     """Raises LimitError if a tree is too deep or too large."""
-    levels, nodes = ("level", depth(node), limits.max_depth), ("node", size(node), limits.max_nodes)
-    for unit, value, limit in (levels, nodes):
-        if value > limit:
-            raise LimitError(
-                f"Expected a tree of at most {limit} {unit}{'s' * (limit != 1)}, found {value};"
-                " shorten it or raise the limit."
-            )
+    if not within(node, limits):
+        nodes, levels = size_and_depth(node)
+        raise LimitError(
+            f"Expected a tree of at most {limits.max_nodes} nodes and {limits.max_depth} levels,"
+            f" found {nodes} nodes and {levels} levels; shorten it or raise the limit."
+        )

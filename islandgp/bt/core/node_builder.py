@@ -21,7 +21,7 @@ from islandgp.bt.core.kind import Argument, Sort
 from islandgp.bt.core.kinds import KINDS
 from islandgp.bt.core.node import ActionArgs, Node, Value
 from islandgp.bt.core.parameters import NO_YES, fits, referenced, value_range
-from islandgp.bt.core.printer import Quoted, number_text
+from islandgp.bt.core.printer import number_text
 from islandgp.bt.core.source import Source, Word, closest, first_word, shown
 from islandgp.bt.core.unknown import listing, unknown, unknown_node
 from islandgp.bt.core.vocabulary import Key, Vocabulary
@@ -310,8 +310,7 @@ class NodeBuilder:
             if word.type == "NUMBER" or (word.type == "NAME" and word.text in self.constants):
                 return self.number(token)
             is_defined = word.text in self.values or word.text in self.constants
-            quoted = self._named and word.type == "FILE" and is_defined
-            return Quoted(word.text) if quoted else word.text
+            return f'"{word.text}"' if word.type == "FILE" and is_defined else word.text
         parameters = self.vocabulary.actions[action].arguments
         if key not in parameters:
             ranges = "; ".join(f"{name}: {value_range(each)}" for name, each in parameters.items())

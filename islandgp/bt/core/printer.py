@@ -30,12 +30,6 @@ INDENT = "  "
 INLINE_LEVELS = 3  # most levels in one line
 
 
-class Quoted(str):
-    """A text that needs its double quotes: without them it would be a constant or a parameter."""
-
-    __slots__ = ()
-
-
 @lru_cache(maxsize=256)  # a run asks for each tree of a generation several times
 def to_text(node: Node) -> str:
     """Prints a tree as its canonical text.
@@ -108,11 +102,11 @@ def call_text(action: str, values: Sequence[tuple[str, Value]]) -> str:
 
 
 def _value_text(value: Value) -> str:
-    """A number or a word; other texts are in double quotes."""
+    """A number or a word; other texts are in double quotes, which `fmt` keeps where they matter."""
     if not isinstance(value, str):
         return number_text(value)
-    bare = NAME.fullmatch(value) and value not in RESERVED and not isinstance(value, Quoted)
-    return value if bare else f'"{value}"'
+    bare = NAME.fullmatch(value) and value not in RESERVED
+    return value if bare or value[:1] == '"' else f'"{value}"'
 
 
 def _argument(argument: Argument, value: Any) -> str:
