@@ -6,7 +6,7 @@ written, with a reason.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
@@ -31,27 +31,10 @@ from islandgp.bt.analysis.simplify import (
 )
 from islandgp.bt.core.condition import Condition
 from islandgp.bt.core.kinds import kind_of
-from islandgp.bt.core.language import SourceSpan, parse_placed
+from islandgp.bt.core.language import parse_placed
 from islandgp.bt.core.node import FAILURE, GuardArgs, Node, ParallelArgs, Place, size, walk
 from islandgp.bt.core.printer import condition_text, head
 from islandgp.bt.core.vocabulary import Vocabulary
-
-CODES: Final = {
-    "unreachable": "a branch that can never run",
-    "needless-guard": "a redundant guard",
-    "long-condition": "a condition that is equivalent to a shorter one",
-    "shared-resource": "two actions that use one resource in the same tick",
-    "whole-number": "a threshold with decimals of a whole number",
-    "double-inverter": "an inverter of an inverter",
-    "never-succeeds": "an action that can never succeed in its place",
-    "needless-abort": "an abort rule that stops nothing",
-    "parallel-count": "a parallel that needs more children than it has",
-    "unused-subtree": "a named subtree that is never used",
-    "unused-constant": "a constant that is never used",
-    "unused-parameter": "a parameter that its subtree does not use",
-}
-"""Codes of warnings, which do not change between versions, with their meanings."""
-
 
 ADVICE: Final = frozenset(
     {"needless-guard", "long-condition", "whole-number", "double-inverter", "needless-abort"}
@@ -70,7 +53,7 @@ class LintWarning:
     line: int  # from 1
     column: int
     message: str  # with the reason
-    code: str = ""  # of CODES
+    code: str = ""  # does not change between versions; docs/language.md lists them
 
 
 def warnings(
@@ -83,8 +66,8 @@ def warnings(
     """The warnings about a tree file, in its order, each once.
 
     A part of a subtree that could be removed is reported if it could be removed at every use of
-    the subtree. Any other warning that holds at some uses only names these uses. Warnings about an
-    included subtree are reported at its use.
+    the subtree. Any other warning that holds at some uses only is reported at these uses, and one
+    about an included subtree too.
 
     Args:
         text: of the file.
@@ -117,13 +100,12 @@ def warnings(
             reached.setdefault(origin, []).append(at)
     distinct: dict[tuple[tuple[int, int], str], str] = {}
     for (origin, code), messages in doubts.items():
-        others = [source[at] for at in reached.get(origin, ()) if at not in messages]
-        if code in ADVICE and others:
+        everywhere = messages.keys() >= {*reached.get(origin, ())}
+        if code in ADVICE and not everywhere:
             continue
-        uses = _uses_of([source[at] for at in messages]) if others else ""
         for at in sorted(messages, reverse=True):
-            line, column, *_ = source[at]
-            distinct[(line, column), code] = messages[at] + uses
+            line, column, _, uses = source[at]
+            distinct[(line, column) if everywhere else uses[0], code] = messages[at]
     doubtful = [LintWarning(*at, message, code) for (at, code), message in distinct.items()]
     never_used = [
         LintWarning(line, column, f"{kind} {name!r} is never used", f"unused-{kind}")
@@ -132,14 +114,8 @@ def warnings(
     return sorted([*never_used, *doubtful])
 
 
-def _uses_of(places: Sequence[SourceSpan]) -> str:
-    """The uses of a subtree to which a warning applies, for its message."""
-    uses = [f"{line}:{column}" for line, column in sorted({place.uses[0] for place in places})]
-    return f"; in the use{'s' * (len(uses) != 1)} at {', '.join(uses)}"
-
-
 def _about(spot: Spot) -> Iterator[tuple[int, str, str]]:
-    """Warnings about one node: (place, one of CODES, message)."""
+    """Warnings about one node: (place, code, message)."""
     at, node, context, _ = spot
     kind = kind_of(node)
     if kind.advance_status is not None:

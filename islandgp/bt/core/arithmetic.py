@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Collection, Iterator, Mapping
 from decimal import Decimal
 from math import inf, isnan
+from operator import add, mul, sub, truediv
 from typing import Any, Final, NamedTuple, Self, TypeAlias
 
 SIGNS: Final = ("+", "-", "*", "/")
@@ -125,21 +126,13 @@ def bounds(term: Term, ranges: Mapping[str, tuple[float, float]]) -> tuple[float
         return ranges.get(term, (-inf, inf))
     if not isinstance(term, Operation):
         return term, term
-    (a, b), *others = (bounds(part, ranges) for part in term.parts)
+    first, *others = (bounds(part, ranges) for part in term.parts)
     if not others:
-        return -b, -a
-    ((c, d),) = others
-    if term.sign == "/" and c <= 0 <= d:
+        return -first[1], -first[0]
+    if term.sign == "/" and others[0][0] <= 0 <= others[0][1]:
         return -inf, inf
-    match term.sign:
-        case "+":
-            ends: tuple[float, ...] = (a + c, b + d)
-        case "-":
-            ends = (a - d, b - c)
-        case "*":
-            ends = (a * c, a * d, b * c, b * d)
-        case _:
-            ends = (a / c, a / d, b / c, b / d)
+    apply = {"+": add, "-": sub, "*": mul, "/": truediv}[term.sign]
+    ends = [apply(x, y) for x in first for y in others[0]]
     return (-inf, inf) if any(map(isnan, ends)) else (min(ends), max(ends))
 
 

@@ -196,28 +196,23 @@ def condition(
 
     `key_index` is the index of each key on the board.
     """
-    numbers = [term.number for term in terms(expr)]
-    names = iter(_NUMBERS[: len(numbers)])
-    text = source(expr, _on_board(key_index), lambda _: next(names))
-    return _compiled(text, len(numbers))(board, *numbers)
+    return _compiled(source(expr, _on_board(key_index), _literal))(board)
 
 
 def assigned_value(
     assigned: Condition, board: Board, key_index: Mapping[str, int]
 ) -> Callable[[], float]:
     """The value that a key gets: the right side of an assignment."""
-    value = _NUMBERS[0]
-    if assigned.other:
-        value = side_source(assigned.other, _on_board(key_index))
-    return _compiled(value, 1)(board, float(assigned.number))
+    right, of_key = assigned.other, _on_board(key_index)
+    return _compiled(side_source(right, of_key) if right else _literal(assigned.number))(board)
 
 
 def _on_board(key_index: Mapping[str, int]) -> Callable[[str], str]:
     return lambda key: f"board[{key_index[key]:d}]"
 
 
-_NUMBERS: Final = [f"n{index}" for index in range(100)]
-"""Names of the numbers of a condition in Python source, so that they are no part of it."""
+def _literal(number: float) -> str:
+    return repr(float(number))
 
 
 def source(
@@ -241,10 +236,9 @@ def side_source(side: str, of_key: Callable[[str], str]) -> str:
 
 
 @lru_cache(maxsize=1024)
-def _compiled(expression: str, numbers: int) -> Callable[..., Callable[[], Any]]:
+def _compiled(expression: str) -> Callable[[Board], Callable[[], Any]]:
     # One closure for all parts: one call per part would make a tick two to five times slower.
-    arguments = ", ".join(["board", *_NUMBERS[:numbers]])
-    function: Callable[..., Callable[[], Any]] = eval(
-        f"lambda {arguments}: lambda: {expression}", {"__builtins__": {}, "divide": divide}
+    function: Callable[[Board], Callable[[], Any]] = eval(
+        f"lambda board: lambda: {expression}", {"__builtins__": {}, "divide": divide}
     )
     return function
