@@ -84,7 +84,7 @@ def test_warnings_of_included_subtrees(folder: Path) -> None:
     assert "lap < 1 can't hold" in never_run[0].message
     doubtful = "subtree s(x) = when lap < x { SeekCharger } sequence { use s(3) use s(0) }"
     never_run = [w for w in warnings(doubtful, VOCABULARY) if "never run" in w.message]
-    assert [(w.line, w.column) for w in never_run] == [(1, 31)]
+    assert [(w.line, w.column) for w in never_run] == [(1, 65)]
 
 
 WRONG = {

@@ -48,12 +48,9 @@ def comments_in(text: str, file: Any, *, blank_lines: bool = False) -> dict[int,
         if item or (lines[-1:] != [""] and (field == "inside" or position < start)):
             lines.append(item)
     return {
-        start: Comments(
-            tuple(lines["above"]), "".join(lines["aside"]), tuple(lines["inside"]),
-            "".join(lines["end"]),
-        )
-        for start, lines in found.items()
-    }  # fmt: skip
+        start: Comments(**{field: tuple(lines) for field, lines in fields.items()})
+        for start, fields in found.items()
+    }
 
 
 def _edges(text: str, file: Any) -> Iterator[_Edge]:

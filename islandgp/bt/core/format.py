@@ -13,8 +13,7 @@ from pathlib import Path
 from islandgp.bt.core.builder import Builder
 from islandgp.bt.core.kinds import NODES
 from islandgp.bt.core.language import MAX_CHARACTERS, files_of, parse
-from islandgp.bt.core.node import Comments
-from islandgp.bt.core.printer import number_text, use_text, written_lines
+from islandgp.bt.core.printer import beside, number_text, use_text, written_lines
 from islandgp.errors import LimitError
 
 
@@ -43,9 +42,9 @@ def format_text(text: str, *, name: str = "<tree>", folder: Path | None = None) 
                 part = written_lines(next(bodies), f"subtree {use_text(defined, names)} = ")
             case "constant", [defined, value]:
                 number = value if value.type == "NAME" else number_text(float(value) + 0.0)
-                part = _statement(f"constant {defined} = {number}", comments)
+                part = [*comments.above, beside(f"constant {defined} = {number}", comments.aside)]
             case "domain" | "include" as statement, [word]:
-                part = _statement(f"{statement} {word}", comments)
+                part = [*comments.above, beside(f"{statement} {word}", comments.aside)]
             case _:
                 part = written_lines(root)
         is_apart = last in ("domain", "include") or tree.data in NODES
@@ -61,7 +60,3 @@ def format_text(text: str, *, name: str = "<tree>", folder: Path | None = None) 
             f" {len(formatted)}; shorten the tree or its comments."
         )
     return formatted
-
-
-def _statement(line: str, comments: Comments) -> list[str]:
-    return [*comments.above, f"{line}  {comments.aside}" if comments.aside else line]

@@ -192,15 +192,14 @@ class Comments(NamedTuple):
     """The comments around a node, each with its `#`; "" is a blank line."""
 
     above: tuple[str, ...] = ()  # on lines above its head
-    aside: str = ""  # at the end of the line of its head
+    aside: tuple[str, ...] = ()  # at the end of the line of its head
     inside: tuple[str, ...] = ()  # on lines above its closing brace
-    end: str = ""  # behind its closing brace
+    end: tuple[str, ...] = ()  # behind its closing brace
 
     @property
     def lines(self) -> tuple[str, ...]:
         """The texts of all of them."""
-        all_lines = (*self.above, self.aside, *self.inside, self.end)
-        return tuple(filter(None, (line.strip("# ") for line in all_lines)))
+        return tuple(filter(None, (line.strip("# ") for part in self for line in part)))
 
 
 class NodeMark(NamedTuple):

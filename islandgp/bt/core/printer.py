@@ -156,25 +156,26 @@ def written_lines(node: Node, lead: str = "", indent: str = "") -> list[str]:
     )
     line = None if _has_comments_inside(node) else inline(node, INLINE_LEVELS)
     if line is not None and (len(indent + lead + line) <= WIDTH or not node.children):
-        return [*above, _beside(f"{indent}{lead}{line}", comments.aside or comments.end)]
+        return [*above, beside(f"{indent}{lead}{line}", comments.aside or comments.end)]
     *first, last = _head_lines(node, f"{indent}{lead}{head(node)} {{")
     inside = [line for child in node.children for line in written_lines(child, "", indent + INDENT)]
     inside = [*inside[inside[0] == "" :], *closing]
     if inside[-1] == "":
         inside.pop()
-    end = _beside(f"{indent}}}", comments.end)
-    return [*above, *first, _beside(last, comments.aside), *inside, end]
+    end = beside(f"{indent}}}", comments.end)
+    return [*above, *first, beside(last, comments.aside), *inside, end]
 
 
 def _has_comments_inside(node: Node) -> bool:
     """True if there are comments between its braces, or behind the first one."""
     own = marks_of(node)[-1].comments
     below = (mark.comments.lines for c in node.children for n in walk(c) for mark in marks_of(n))
-    return bool(node.children) and (bool(own.aside) or any(own.inside) or any(below))
+    return bool(node.children) and any((*own.aside, *own.inside, *below))
 
 
-def _beside(line: str, comment: str) -> str:
-    return f"{line}  {comment}" if comment else line
+def beside(line: str, comments: Sequence[str]) -> str:
+    """A line with comments at its end."""
+    return "  ".join([line, *comments])
 
 
 def _head_lines(node: Node, line: str) -> list[str]:
