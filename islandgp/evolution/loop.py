@@ -129,7 +129,7 @@ class _Loop:
             outside += answer.episodes
             names = nameable(done.records, done.archive.elites) if plan.switches.edits else {}
             rate = state.advice.rate
-            guidance, advice = decide(plan, parts.search, population, answer, rate, names=names)
+            guidance, advice = decide(plan, parts.search, population, answer, rate, names)
             memory = updated_memory(parts.search, search_state, done.population, advice, plan)
             spent = state.spent + done.episodes + outside
             parents = {e.parents[0]: names[e.parents[0]] for e in advice.edited}

@@ -23,15 +23,7 @@ from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node, guard_of, size, walk
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.gp.branches import branches_of, fine
-from islandgp.gp.edits import (
-    Edit,
-    EditRecord,
-    Path,
-    as_record,
-    is_selector,
-    nodes_with_paths,
-    path_text,
-)
+from islandgp.gp.edits import Edit, EditRecord, as_record, is_selector, nodes_with_paths, path_text
 from islandgp.gp.record import IndividualRecord, fittest
 from islandgp.scoring.classes import Classes
 from islandgp.scoring.state import PopulationState
@@ -299,7 +291,9 @@ class Editor:
         tree = parse(individual.tree, vocabulary)
         count = individual.counters[requirement.counter]
         reason = f"{requirement.counter} {count:g}, wanted {requirement}"
-        if (present := same_child_guard(tree, branch)) is not None:
+        alike = [(p, n) for p, n in nodes_with_paths(tree) if n.guard and branch.guard]
+        present = next(((p, n) for p, n in alike if n.children == branch.children), None)
+        if present is not None:
             path, guard = present
             number = widened(guard_of(guard).condition, vocabulary)
             if number is not None:
@@ -358,16 +352,6 @@ def place_for(tree: Node, branch: Node, vocabulary: Vocabulary) -> int | None:
     width = guard_width(branch, vocabulary)
     wider = (k for k, c in enumerate(tree.children) if guard_width(c, vocabulary) >= width)
     return next(wider, len(tree.children))
-
-
-def same_child_guard(tree: Node, branch: Node) -> tuple[Path, Node] | None:
-    """Path and node of the first guard in a tree with the same child as a branch's guard."""
-    if not branch.guard:
-        return None
-    for path, node in nodes_with_paths(tree):
-        if node.guard and node.children == branch.children:
-            return path, node
-    return None
 
 
 def widened(expr: ConditionExpr, vocabulary: Vocabulary) -> float | None:

@@ -15,7 +15,7 @@ from pydantic import BaseModel, Field
 
 from islandgp.bt.core.node import Limits, Node, within
 from islandgp.errors import ConfigError
-from islandgp.scoring.classes import EXPLORATION, INTEGRATION, RARE
+from islandgp.scoring.classes import EXPLORATION, INTEGRATION, RARE, Classes
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance, Pattern, Phase, PhaseRates, RunContext
 from islandgp.supervision.library import Library
@@ -44,17 +44,13 @@ class ExpertSettings(BaseModel, frozen=True, extra="forbid"):
     collapse: float = Field(ge=0, le=1)  # diversity, Eq. (3), below which it has collapsed
     compact: Size
     """Limits of injected trees until a robot reaches the first milestone (section 2.4.6)."""
-    hardest: tuple[str, ...] | None = None
-    """Behaviours, the hardest to find first, to break ties. None: `classes.hardest`. Names that
-    the experiment does not have are skipped; behaviours that are not listed follow in reverse
-    order."""
 
     @property
     def reads(self) -> dict[str, tuple[str, ...]]:
         """See `Supervisor`. All parts depend on the settings that a subclass adds."""
         added = type(self).model_fields.keys() - ExpertSettings.model_fields.keys()
         rate = ("rates", "multiple", "plateau", "strong", "collapse", *added)
-        tree = ("rare", "collapse", "compact", "hardest", *added)
+        tree = ("rare", "collapse", "compact", *added)
         return {
             "rate": (*policy_keys(rate), "gp.state"),
             "tree": (*policy_keys(tree), "gp.crisis", "library"),
@@ -112,15 +108,16 @@ def wanted_rate(state: PopulationState, settings: ExpertSettings) -> float:
     return high - (high - low) * exploitation_level(state, settings)
 
 
-def choose_target(state: PopulationState, settings: ExpertSettings) -> str:
+def choose_target(state: PopulationState, settings: ExpertSettings, hardest: Sequence[str]) -> str:
     """The target of the next tree (Table 7 of the paper).
 
     Missing behaviours come first, then a crisis, then rare behaviours. Until a robot reaches the
     first milestone, the target is a single behaviour, so that evolution combines them; in a crisis
-    it is EXPLORATION.
+    it is EXPLORATION. Of equally rare behaviours it is the first of `hardest`; those that are not
+    listed follow in reverse order.
     """
     counts = state.now.behaviour_counts
-    order = [*(name for name in settings.hardest or () if name in counts), *reversed(counts)]
+    order = [*(name for name in hardest if name in counts), *reversed(counts)]
     rarest = min(order, key=lambda name: counts[name])
     if not counts[rarest]:
         return rarest
@@ -143,7 +140,6 @@ class Expert:
 
     name = "expert"
     Settings = ExpertSettings
-    agent = "Robot"  # `classes.agent`
 
     @classmethod
     def make(cls, settings: ExpertSettings, context: RunContext) -> Self:
@@ -154,10 +150,7 @@ class Expert:
                 library is not valid.
             TreeError: a tree of the library is not valid.
         """
-        if settings.hardest is None:
-            settings = settings.model_copy(update={"hardest": context.classes.hardest})
-        expert = cls(settings, context.library())
-        expert.agent = context.classes.agent
+        expert = cls(settings, context.library(), context.classes)
         for target in context.classes.behaviours:
             if target in expert.library.targets and not expert.fitting(target, compact=True):
                 raise ConfigError(
@@ -166,9 +159,8 @@ class Expert:
                 )
         return expert
 
-    def __init__(self, settings: ExpertSettings, library: Library) -> None:
-        self.settings = settings
-        self.library = library
+    def __init__(self, settings: ExpertSettings, library: Library, classes: Classes) -> None:
+        self.settings, self.library, self.classes = settings, library, classes
 
     def fitting(self, target: str, *, compact: bool) -> list[str]:
         """Names of the library's trees for a target; with `compact` only those within its size."""
@@ -176,35 +168,28 @@ class Expert:
         fits = self.settings.compact.admits
         return [n for n in names if not compact or fits(self.library.trees[n])]
 
-    def pick(self, target: str, state: PopulationState, rng: np.random.Generator) -> str:
-        """Draws the name of a tree for a target.
-
-        If the library has none, one for the rarest behaviour with a tree is drawn instead. "" if
-        the library is empty, as an automatic one may be.
-        """
-        compact = not state.ever_quality
-        candidates = (
-            self.fitting(name, compact=compact) for name in (target, *state.rarest_behaviours)
-        )
-        names = next((names for names in candidates if names), [""])
-        return names[rng.integers(len(names))]
-
     def tree_for(
         self, target: str, state: PopulationState, rng: np.random.Generator, remark: str = ""
     ) -> dict[str, Any]:
-        """The tree drawn for a target, or None, and its rationale: fields of a `Guidance`."""
-        name = self.pick(target, state, rng)
+        """The tree drawn for a target, or None, and its rationale: fields of a `Guidance`.
+
+        If the library has none, one for the rarest behaviour with a tree is drawn instead. There is
+        no tree if the library is empty, as an automatic one may be.
+        """
+        wanted, compact = (target, *state.rarest_behaviours), not state.ever_quality
+        candidates = (self.fitting(name, compact=compact) for name in wanted)
+        names = next((names for names in candidates if names), [""])
+        name = names[rng.integers(len(names))]
         choice = f"tree {name}" if name else "the library has no tree"
-        rationale = f"{target}{remark}: {choice}"
-        return {"tree": self.library.trees.get(name), "rationale": rationale}
+        return {"tree": self.library.trees.get(name), "rationale": f"{target}{remark}: {choice}"}
 
     def advise(self, state: PopulationState, rng: np.random.Generator) -> Guidance:
         """See `Supervisor`. A rate within the phase's range, and a tree for the chosen target."""
         settings = self.settings
         phase, pattern = classify_phase(state, settings), classify_pattern(state, settings)
-        target = choose_target(state, settings)
+        target = choose_target(state, settings, self.classes.hardest)
         tree_fields = self.tree_for(target, state, rng)
-        goal = f"{title(next(iter(state.milestones_reached)))} {self.agent}s"
+        goal = f"{title(next(iter(state.milestones_reached)))} {self.classes.agent}s"
         return Guidance(
             mutation_rate=wanted_rate(state, settings),
             source=self.name,

@@ -12,6 +12,7 @@ from pydantic import FiniteFloat, Strict, TypeAdapter, ValidationError
 from islandgp.bt.analysis.conflicts import conflict_in_words
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node, within
+from islandgp.bt.core.parameters import first_fault
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import SupervisionError, TreeError
 from islandgp.gp.archive import Elite
@@ -88,11 +89,10 @@ def ask(
 def _wrong(method: str, expected: str, found: str | ValidationError) -> SupervisionError:
     """The error for a supervisor's result; of several wrong values it names the first."""
     if isinstance(found, ValidationError):
-        first = found.errors(include_url=False)[0]
-        field, text = ".".join(map(str, first["loc"])), repr(first["input"])
+        at, reason, value = first_fault(found)
+        text = repr(value)
         quoted = text if len(text) <= 60 else text[:60] + "..."
-        reason = first["msg"].removeprefix("Value error, ")
-        found = f"{field}={quoted}: {reason[:1].lower()}{reason[1:]}" if field else quoted
+        found = f"{'.'.join(at)}={quoted}: {reason}" if at else quoted
     return SupervisionError(f"Expected {method} to return {expected}, found {found}; correct it.")
 
 
@@ -160,12 +160,12 @@ def decide(
     state: PopulationState,
     guidance: Guidance,
     rate: float,
-    *,
-    names: Nameable | None = None,
+    names: Nameable,
 ) -> tuple[GuidanceRecord, Advice]:
     """Makes the record of a supervisor's answer and the advice for the search.
 
-    The record has the reason if a part of the answer is refused.
+    The record has the reason if a part of the answer is refused. Edits are taken in order until
+    all slots are.
 
     Args:
         plan: of the run.
@@ -173,7 +173,7 @@ def decide(
         state: of the population.
         guidance: the supervisor's answer.
         rate: the mutation rate in force, in [0, 1].
-        names: the trees that edits may name; default: none.
+        names: the trees that edits may name.
     """
     switches, refused = plan.switches, []
     # If the rate is not adapted, an emergency rate ends with its crisis.
@@ -188,7 +188,14 @@ def decide(
         refused.append(reason)
         tree = None
     applied = plan.gp.crisis.rate(proposed, state.crisis)
-    edits, trees = decide_edits(plan, search, guidance.edits[:MAX_EDITS], names or {})
+    edits, trees = list[EditRecord](), list[Proposal]()
+    for edit in guidance.edits[:MAX_EDITS]:
+        why = ""
+        try:
+            trees.append(_edited_tree(plan, search, edit, names, trees))
+        except ValueError as error:
+            why = str(error)
+        edits.append(as_record(edit, why))
     record = GuidanceRecord(
         asked_at=state.now.generation,
         wanted_rate=guidance.mutation_rate,
@@ -197,10 +204,10 @@ def decide(
         tree=None if guidance.tree is None else to_text(guidance.tree),
         injected=tree is not None,
         refused="; ".join(refused),
-        edits=edits,
+        edits=tuple(edits),
         **{name: getattr(guidance, name) for name in RECORDED},
     )
-    return record, Advice(applied, tree, trees)
+    return record, Advice(applied, tree, tuple(trees))
 
 
 def _why_refused(tree: Node, plan: Plan, search: Search) -> str:
@@ -212,24 +219,6 @@ def _why_refused(tree: Node, plan: Plan, search: Search) -> str:
     if not within(tree, plan.gp.limits):
         return "the tree breaks the limits"
     return conflict_in_words(tree, plan.vocabulary)
-
-
-def decide_edits(
-    plan: Plan, search: Search, edits: Sequence[Edit], names: Nameable
-) -> tuple[tuple[EditRecord, ...], tuple[Proposal, ...]]:
-    """The records of a supervisor's edits, and the trees of those that are accepted.
-
-    Edits are processed in order until all slots are taken.
-    """
-    records, trees = list[EditRecord](), list[Proposal]()
-    for edit in edits:
-        refused = ""
-        try:
-            trees.append(_edited_tree(plan, search, edit, names, trees))
-        except ValueError as error:
-            refused = str(error)
-        records.append(as_record(edit, refused))
-    return tuple(records), tuple(trees)
 
 
 def _edited_tree(

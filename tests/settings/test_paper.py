@@ -186,7 +186,7 @@ def test_docs_state_the_size_of_random_trees() -> None:
     ]
     least, median, most, nearly_all = np.percentile(sizes, [25, 50, 75, 95])
     library = make_library(settings, domain)
-    expert = Expert(settings.supervisor.settings(), library)
+    expert = Expert(settings.supervisor.settings(), library, settings.classes)
     injected = [
         size(library.trees[name])
         for target in early_targets(settings.classes.targets)

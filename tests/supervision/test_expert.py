@@ -44,13 +44,15 @@ WORKERS = {
 }
 
 
+HARDEST = ("charging", "clearing", "humanoid", "pickup")
+
+
 @cache
 def settings_of_tables() -> ExpertSettings:
     """The configured trees and rates, with the thresholds that the states below are made for."""
     policy = plain("supervisor=expert")["supervisor"]["policy"]
     thresholds = {"multiple": 3, "plateau": 5, "strong": 0.2, "rare": 0.1, "collapse": 0.25}
-    hardest = plain()["classes"]["hardest"]
-    return ExpertSettings.model_validate({**policy, **thresholds, "hardest": hardest})
+    return ExpertSettings.model_validate({**policy, **thresholds})
 
 
 def context(*overrides: str) -> RunContext:
@@ -171,7 +173,7 @@ TARGETS = [
 @pytest.mark.parametrize(("history", "target"), TARGETS)
 def test_target(history: list[GenerationStats], target: str) -> None:
     """Table 7: what the next tree is for."""
-    assert choose_target(state(history), settings_of_tables()) == target
+    assert choose_target(state(history), settings_of_tables(), HARDEST) == target
 
 
 def test_a_new_stage_is_no_rise() -> None:
@@ -216,15 +218,10 @@ def test_a_target_without_a_tree_has_one_for_the_rarest_behaviour() -> None:
 
 
 def test_the_hardest_behaviours_are_the_domain_s() -> None:
-    """Those of `classes`, unless the supervisor's settings name others."""
-    policy = plain("supervisor=expert")["supervisor"]["policy"]
-    assert policy["hardest"] is None
-    supervisor = Expert.make(ExpertSettings.model_validate(policy), context())
-    assert supervisor.settings.hardest == ("charging", "clearing", "humanoid", "pickup")
-    other = ExpertSettings.model_validate({**policy, "hardest": ["humanoid"]})
-    assert Expert.make(other, context()).settings.hardest == ("humanoid",)
-    elsewhere = composed("supervisor=expert", "domain=cartpole").classes
-    assert elsewhere.hardest == ()
+    """Of equally rare behaviours the expert wants the hardest one; a domain may list none."""
+    view = state(past(1, behaviour_counts={"charging": 0, "pickup": 0}))
+    assert expert().advise(view, np.random.default_rng(0)).target == "charging"
+    assert composed("supervisor=expert", "domain=cartpole").classes.hardest == ()
 
 
 @st.composite
