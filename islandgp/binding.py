@@ -61,13 +61,8 @@ class Tree:
     """A tree from a file, made by `load_tree`."""
 
     node: Node  # the root, with every `use` expanded
-    vocabulary: Vocabulary | None  # None: the file names no domain
+    vocabulary: Vocabulary  # an empty one if the file names no domain
     name: str  # of the file, for messages
-
-    @property
-    def words(self) -> Vocabulary:
-        """The vocabulary; an empty one if the file names no domain."""
-        return self.vocabulary or EMPTY_VOCABULARY
 
     def actions(self) -> tuple[str, ...]:
         """The actions of the tree, in document order, each once."""
@@ -79,18 +74,18 @@ class Tree:
 
     def calls(self) -> list[tuple[str, Mapping[str, object]]]:
         """The action of each leaf and the arguments that its function gets, in document order."""
-        return [(args.name, arguments_of(args, self.words)) for args in self.leaves()]
+        return [(args.name, arguments_of(args, self.vocabulary)) for args in self.leaves()]
 
     def keys(self) -> tuple[str, ...]:
         """The blackboard keys that it reads or writes, in document order, each once."""
         values = (value for args in self.leaves() for _, value in args.values)
-        references = (key for value in values if (key := referenced(value)) in self.words.keys)
+        references = (key for value in values if (key := referenced(value)) in self.vocabulary.keys)
         return tuple(dict.fromkeys((*keys_in(self.node), *references)))
 
     def inputs(self) -> tuple[str, ...]:
         """The keys that the program writes: those that neither trees nor actions write."""
         own = written_in(self.node)
-        own |= {name for name, key in self.words.keys.items() if key.writable}
+        own |= {name for name, key in self.vocabulary.keys.items() if key.writable}
         return tuple(key for key in self.keys() if key not in own)
 
     def bind(
@@ -145,13 +140,13 @@ class Tree:
                 callable(entry) or kind == "action"
             ):
                 yield f"for the {kind} {name}, {reason}{defined_in(entry)}"
-        known = {*self.words.actions, *self.words.keys}
+        known = {*self.vocabulary.actions, *self.vocabulary.keys}
         for source in sources.values() if known else ():
             for name in source if isinstance(source, Mapping) else ():
                 if name not in known:
                     near = closest(str(name), known)
                     hint = f"; perhaps {near} is meant" if near else ""
-                    domain = self.words.domain
+                    domain = self.vocabulary.domain
                     yield f"{short_repr(name)}, which is not in the domain {domain}{hint}"
 
 
@@ -167,7 +162,7 @@ class RobotTree:
         """Status of each node in the last tick, in document order; None: it was not ticked."""
         self._leaves, self._keys = leaves, keys
         self._ticking = Lock()
-        known, names = tree.words.keys, tree.keys()
+        known, names = tree.vocabulary.keys, tree.keys()
         self._places = {name: place for place, name in enumerate(names)}
         self._inputs = [(self._places[name], name, known.get(name)) for name in tree.inputs()]
         self._board = [known[name].start if name in known else 0.0 for name in names]
@@ -242,7 +237,7 @@ class RobotTree:
         self._tick, self._runners = compile_leaves(
             self.tree.node,
             self._leaves,
-            self.tree.words,
+            self.tree.vocabulary,
             self._board,
             self._places,
             watch=self._watch,
@@ -277,9 +272,8 @@ def load_tree(
     path = Path(file)
     text = read_text_file(path)
     file_vocabulary = _vocabulary_of(text, path, vocabulary)
-    return Tree(
-        parse(text, file_vocabulary, name=str(path), folder=path.parent), file_vocabulary, str(path)
-    )
+    node = parse(text, file_vocabulary, name=str(path), folder=path.parent)
+    return Tree(node, file_vocabulary or EMPTY_VOCABULARY, str(path))
 
 
 def _vocabulary_of(

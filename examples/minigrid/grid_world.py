@@ -8,15 +8,13 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, ClassVar, Final, Self
 
-import yaml
-from pydantic import BaseModel, Field, TypeAdapter
+from pydantic import BaseModel, Field
 
 from grid_robot import GridRobot, levels, mission
 from islandgp.domain import EventLog, RewardTable, Schema, Simulation, SimulatorDomain
 from islandgp.errors import ConfigError
 
-_DECLARED: Final = Path(__file__).with_name("schema.yaml").read_text(encoding="utf-8")
-SCHEMA: Final = TypeAdapter(Schema).validate_python(yaml.safe_load(_DECLARED))
+SCHEMA: Final = Schema.read(Path(__file__).with_name("schema.yaml"))
 
 
 class Levels(BaseModel, frozen=True, extra="forbid"):

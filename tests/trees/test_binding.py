@@ -19,7 +19,14 @@ from islandgp.binding import Tree
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import RUNNING
 from islandgp.bt.core.parameters import one_of, switch
-from islandgp.bt.core.vocabulary import Action, Vocabulary, condition_leaf, flag, number
+from islandgp.bt.core.vocabulary import (
+    EMPTY_VOCABULARY,
+    Action,
+    Vocabulary,
+    condition_leaf,
+    flag,
+    number,
+)
 from islandgp.errors import DomainError, OtherDomainError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -347,7 +354,7 @@ def test_conditions_in_code() -> None:
 
 def test_seconds_of_a_program() -> None:
     """A tree that waits needs the time between its ticks."""
-    tree = Tree(parse("wait 0.2 { Go }"), None, "a.bt")
+    tree = Tree(parse("wait 0.2 { Go }"), EMPTY_VOCABULARY, "a.bt")
     with pytest.raises(DomainError, match="step_s"):
         tree.bind({"Go": lambda: True})
     bound = tree.bind({"Go": lambda: True}, step_s=0.1)
@@ -357,7 +364,7 @@ def test_seconds_of_a_program() -> None:
 
 def test_orders_are_those_of_the_seed() -> None:
     """Equal seeds try the children of a random_selector in equal orders; 0 is the default."""
-    tree = Tree(parse("random_selector { A B C D }"), None, "t.bt")
+    tree = Tree(parse("random_selector { A B C D }"), EMPTY_VOCABULARY, "t.bt")
 
     def orders(**seed: Any) -> str:
         tried: list[str] = []

@@ -10,9 +10,8 @@ from collections.abc import Iterator, Sequence
 from html import escape
 from typing import TYPE_CHECKING, Final, NamedTuple
 
-from islandgp.bt.core.kind import NodeKind
 from islandgp.bt.core.kinds import KINDS, kind_of
-from islandgp.bt.core.node import Node, walk
+from islandgp.bt.core.node import Node
 from islandgp.bt.core.printer import head
 
 if TYPE_CHECKING:
@@ -102,7 +101,7 @@ def to_svg(tree: Node) -> str:
     boxes, width, height = lay_out(tree)
     style = "".join(
         f".{name} path{{fill:{kind.look.fill};stroke:{kind.look.line}}}"
-        for name, kind in _kinds_in(tree)
+        for name, kind in KINDS.items()
     )
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" width="{width:g}" height="{height:g}"'
@@ -153,9 +152,3 @@ def _outline(ends: str, width: float) -> str:
         f"{arc} {-corner:g} {corner:g}h{-inner:g}{arc} {-corner:g} {-corner:g}v{-side:g}"
         f"{arc} {corner:g} {-corner:g}Z"
     )
-
-
-def _kinds_in(tree: Node) -> list[tuple[str, NodeKind]]:
-    """The kinds of a tree's nodes, by name."""
-    kinds = {node.kind for node in walk(tree)}
-    return [(name, kind) for name, kind in KINDS.items() if name in kinds]

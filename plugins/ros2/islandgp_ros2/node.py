@@ -140,14 +140,14 @@ class TreeNode:
                     f"keys.{name}: expected `initial`, the value before the first result, found"
                     f" no entry; write e.g. `{name}: {{initial: 0}}`"
                 )
-            words = name in tree.words.keys and tree.words.keys[name].words
+            words = name in tree.vocabulary.keys and tree.vocabulary.keys[name].words
             must_be_plain(f"keys.{name}.field", samples[name], text=bool(words))
         received = [name for name, key in keys.all.items() if key.is_received]
         known = {*received} - sources | inputs & {*keys.all}
         values = {name: partial(keys.__getitem__, name) for name in known}
         own = {name: leaf for name, leaf in self._own.items() if name in tree.actions()}
         robot_tree = tree.bind({**self._leaves, **own}, values, step_s=self._step_s)
-        keys.vocabulary = tree.words
+        keys.vocabulary = tree.vocabulary
         self._waits_for = tuple(name for name in received if name in inputs | sources)
         return robot_tree
 

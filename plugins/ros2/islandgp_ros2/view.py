@@ -62,10 +62,12 @@ class LastMinute:
         tree, ticks = self._tree, [*self._ticks]
         codes, boards = zip(*ticks, strict=True)
         keys = {
-            name: tree.words.keys.get(name) or _key(values)
+            name: tree.vocabulary.keys.get(name) or _key(values)
             for name, values in zip(tree.keys(), zip(*boards, strict=True), strict=True)
         }
-        words = Vocabulary(tree.words.domain, {name: Action("") for name in tree.actions()}, keys)
+        words = Vocabulary(
+            tree.vocabulary.domain, {name: Action("") for name in tree.actions()}, keys
+        )
         recording = Recording(
             tree=tree.node,
             schema=Schema(words, {"none": "no points"}, {}, task=""),
