@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Set
 from dataclasses import dataclass
 from functools import cached_property
 from typing import ClassVar, Final, Self
@@ -108,9 +108,7 @@ class Editor:
         self.requirements = requirements(context.classes)
         self._latest: GenerationView | None = None
         self._examples: dict[str, list[IndividualRecord]] = {}  # by counter, highest counts first
-        self._trees_with: Counter[str] = Counter()  # number of evaluated trees, by action
-        self._shown_with: Counter[tuple[str, str]] = Counter()
-        """Number of evaluated trees with the counter above 0, by counter and action."""
+        self._seen: list[tuple[Set[str], IndividualRecord]] = []  # the actions of each tree so far
         self._evaluated: Counter[str] = Counter()  # number of edits, by inserted branch
         self._improved: Counter[str] = Counter()  # number of them that improved the tree
         self._advised: set[tuple[object, ...]] = set()  # `_change` of edits, accepted or refused
@@ -125,10 +123,9 @@ class Editor:
         for individual in generation.individuals:
             names = set(WORD.findall(individual.tree))
             actions = names & self.context.schema.vocabulary.actions.keys()
-            self._trees_with.update(actions)
+            self._seen.append((actions, individual))
             for counter in counters:
                 if individual.counters[counter] > 0:
-                    self._shown_with.update((counter, action) for action in actions)
                     self._examples.setdefault(counter, []).append(individual)
         for counter, examples in self._examples.items():
             order = sorted(examples, key=lambda i: (-i.counters[counter], i.nodes))
@@ -262,11 +259,11 @@ class Editor:
 
     def _evaluated_branches(self, counter: str) -> list[tuple[Node, str]]:
         """Guarded branches with the action most typical of a counter, the smallest first."""
-        shown_with, trees_with = self._shown_with, self._trees_with
-        actions = [action for name, action in shown_with if name == counter]
-        if not actions:
+        number = Counter(a for actions, _ in self._seen for a in actions)
+        shown = Counter(a for actions, i in self._seen if i.counters[counter] > 0 for a in actions)
+        if not shown:
             return []
-        action = max(actions, key=lambda a: (shown_with[counter, a] / trees_with[a], a))
+        action = max(shown, key=lambda a: (shown[a] / number[a], a))
         branches = [
             (branch, f"individual {i.id}")
             for i in self._examples[counter]

@@ -110,12 +110,12 @@ def test_an_empty_answer_is_asked_again() -> None:
 
 def test_the_listing_has_the_path_of_each_node() -> None:
     """As an edit names it."""
-    assert listing(parse(OLD)) == [
-        '  at "": selector',
-        '  at "0": when foundGarbage',
-        '  at "0/0": PickupGarbage',
-        '  at "1": PatrolWaypoint',
-    ]
+    assert listing(parse(OLD)) == {
+        "": "selector",
+        "0": "when foundGarbage",
+        "0/0": "PickupGarbage",
+        "1": "PatrolWaypoint",
+    }
 
 
 @pytest.mark.slow

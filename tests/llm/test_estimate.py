@@ -15,8 +15,7 @@ from islandgp.commands.runs import estimate_command as command
 from islandgp.errors import ConfigError
 from islandgp.resources import resource
 from islandgp.supervision.base import RunContext
-from islandgp.supervision.llm import budget
-from islandgp.supervision.llm.budget import ANSWER, THOUGHTS, Bill, SupervisedRuns, costs
+from islandgp.supervision.llm.budget import ANSWER, THOUGHTS, Bill, SupervisedRuns, bills, costs
 from islandgp.supervision.llm.prompts import PROMPT_SETS
 from islandgp.supervision.llm.settings import LLMSettings
 from tests.llm.samples import advise, answering, context, settings, state, supervisor
@@ -24,12 +23,12 @@ from tests.llm.samples import advise, answering, context, settings, state, super
 
 def expected(*arguments: Any) -> Bill:
     """The expected bill of a run with these settings and context."""
-    return budget.expected(run(*arguments))
+    return bills(run(*arguments))[0]
 
 
 def at_most(*arguments: Any) -> Bill:
     """The upper bound of the same."""
-    return budget.at_most(run(*arguments))
+    return bills(run(*arguments))[1]
 
 
 def run(llm_settings: LLMSettings, run_context: RunContext) -> SupervisedRuns:

@@ -207,7 +207,7 @@ def test_without_a_key_nothing_starts(
         assert main([*arguments, *SMALL]) == 2
         errors = capfd.readouterr().err
         assert errors.startswith("islandgp: Expected a key or an address for supervisor=llm")
-        ways = ("ANTHROPIC_API_KEY", "base_url", "client_factory", "supervisor=local", "replay")
+        ways = ("ANTHROPIC_API_KEY", "base_url", "docs/llm.md", "supervisor=local")
         assert all(way in errors for way in ways)
         assert list(tmp_path.iterdir()) == []
 

@@ -127,7 +127,7 @@ def test_a_call_that_was_not_recorded_is_an_error() -> None:
 
 
 def test_a_request_that_differs_is_an_error_that_shows_where() -> None:
-    """Line by line, the recorded one first."""
+    """Its first line that differs, the recorded one first."""
     transcript = Transcript(None)
     transcript.add(attempt(request=replace(ASK, turns=('{"best": 1,\n"mean": 2}',))))
     now = replace(ASK, turns=('{"best": 1,\n"mean": 3}',), temperature=0.2)
@@ -135,8 +135,7 @@ def test_a_request_that_differs_is_an_error_that_shows_where() -> None:
         recorded(transcript).ask(Call(3, "rate", 0), now)
     lines = str(excinfo.value).splitlines()
     assert "rate after generation 3" in lines[0]
-    for line in ("-temperature: 0.7", "+temperature: 0.2", '-"mean": 2}', '+"mean": 3}'):
-        assert line in lines
+    assert lines[1:3] == ["-temperature: 0.7", "+temperature: 0.2"]
 
 
 def test_digests_tell_requests_apart() -> None:

@@ -192,10 +192,8 @@ class SupervisedRuns:
 def costs(runs: Sequence[SupervisedRuns]) -> str:
     """A line on what all runs together are expected to cost, and on the most they can cost."""
     number = sum(r.number for r in runs)
-    likely, most = (
-        Bill(*np.sum([np.multiply(r.number, bill(r)) for r in runs], axis=0))
-        for bill in (expected, at_most)
-    )
+    sums = np.sum([np.multiply(r.number, bills(r)) for r in runs], axis=0)
+    likely, most = (Bill(*own) for own in sums)
     return (
         f"The language model ({', '.join(sorted({r.settings.model_name for r in runs}))}):"
         f" {_words(likely)} are expected in {number} run{'s' * (number != 1)}, at most"
@@ -209,37 +207,27 @@ def _words(bill: Bill) -> str:
     return f"{bill.requests:,.0f} requests, {tokens}, {dollars}"
 
 
-def expected(runs: SupervisedRuns) -> Bill:
-    """The expected bill of one run: each question has one answer of ANSWER tokens.
-
-    A model that thinks uses THOUGHTS further tokens. Nothing is read from a cache.
-    """
-    settings, questions = runs.settings, Questions(runs.settings, runs.context)
-    characters = sum(
-        questions.request(part).characters + ADDED[part] + ADDED_INFORMED[part] * questions.informed
-        for part in questions.parts
-    )
-    number = runs.times * len(questions.parts)
-    tokens = round(runs.times * characters / settings.facts.characters)
-    usage = Usage(tokens, number * answer_tokens(settings))
-    return Bill.of(number + 1, usage, settings.price)  # and the probe
-
-
 def answer_tokens(settings: LLMSettings) -> int:
     """Expected tokens of an answer, with thinking before it."""
     return ANSWER + min(THOUGHTS, settings.reply_tokens - settings.max_tokens)
 
 
-def at_most(runs: SupervisedRuns) -> Bill:
-    """The upper bound of the bill of one run, within its caps.
+def bills(runs: SupervisedRuns) -> tuple[Bill, Bill]:
+    """The expected bill of one run, and the upper bound of it within the run's caps.
 
-    All attempts fail late, with repairs and the longest answers.
+    Expected is one answer to each question, with nothing read from a cache. At most, all attempts
+    fail late, with repairs and the longest answers.
     """
     settings, questions = runs.settings, Questions(runs.settings, runs.context)
-    times = runs.times * settings.retry.attempts * (1 + settings.repairs)
+    attempts, price = settings.retry.attempts, settings.price
     longer = MAX_QUOTED * settings.repairs + ADDED_MOST
-    sums = np.array(Bill.of(PROBES * settings.retry.attempts, Usage(), settings.price))
+    likely = np.array(Bill.of(1, Usage(), price))  # of the probe
+    most = np.array(Bill.of(PROBES * attempts, Usage(), price))
     for part in questions.parts:
-        tokens = questions.request(part).most_tokens(longer=longer)
-        sums += np.multiply(times, Bill.of(1, tokens, settings.price))
-    return Bill(*np.minimum(sums, limits(settings.caps)))
+        request = questions.request(part)
+        characters = request.characters + ADDED[part] + ADDED_INFORMED[part] * questions.informed
+        tokens = Usage(round(characters / settings.facts.characters), answer_tokens(settings))
+        likely += np.multiply(runs.times, Bill.of(1, tokens, price))
+        bound = Bill.of(1, request.most_tokens(longer=longer), price)
+        most += np.multiply(runs.times * attempts * (1 + settings.repairs), bound)
+    return Bill(*likely), Bill(*np.minimum(most, limits(settings.caps)))

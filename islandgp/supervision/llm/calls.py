@@ -16,8 +16,7 @@ import time
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
-from difflib import unified_diff
-from itertools import islice
+from itertools import zip_longest
 from typing import Final
 
 import numpy as np
@@ -41,7 +40,6 @@ from islandgp.supervision.llm.questions import Questions
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.transcript import Attempt, Call, Conclusion, Sent, Transcript
 
-MAX_DIFFERENCE: Final = 40  # most lines of the difference of two requests
 REASON: Final = 600  # most characters of a fallback's reason in the record
 SLOTS: Final = {"probe": 0, "rate": 1, "tree": 2, "edits": 3}  # of Stream.NETWORK
 OPTIONAL: Final = {
@@ -160,13 +158,12 @@ def _not_recorded(transcript: Transcript, call: Call, request: Request) -> Super
             f"Expected an answer in {name} for the {call}, found none: the recorded run"
             " ended earlier, or made fewer requests."
         )
-    texts = (_lines(done[-1].request), _lines(request))
-    difference = islice(unified_diff(*texts, "recorded", "now", lineterm="", n=1), MAX_DIFFERENCE)
+    lines = zip_longest(_lines(done[-1].request), _lines(request), fillvalue="")
+    recorded, now = next((a, b) for a, b in lines if a != b)
     return SupervisionError(
-        f"Expected the recorded request in {name} for the {call}, found another one:\n"
-        + "\n".join(difference)
-        + "\nA replay needs the code, the prompts, the configuration and the seed of the"
-        " recorded run, and its answers as they were."
+        f"Expected the recorded request in {name} for the {call}, found another one; the first"
+        f" difference:\n-{recorded}\n+{now}\nA replay needs the code, the prompts, the"
+        " configuration and the seed of the recorded run, and its answers as they were."
     )
 
 

