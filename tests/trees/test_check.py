@@ -257,6 +257,8 @@ def test_a_warning_names_the_uses_to_which_it_applies() -> None:
         VOCABULARY,
     )
     assert [(each.line, each.column) for each in found] == [(3, 12), (3, 39)]
+    loop = "for x in [3, 0] { when lap < x { SeekCharger } }"
+    assert [(each.line, each.column) for each in warnings(loop, VOCABULARY)] == [(1, 34)]
 
 
 def test_a_file_that_is_not_utf_8_is_refused(islandgp: Cli, tmp_path: Path) -> None:

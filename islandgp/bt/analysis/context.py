@@ -338,13 +338,10 @@ def _either(ways: Iterable[Conditions | None]) -> Conditions | None:
 
 def _parallel_ends(args: ParallelArgs, node: Node, context: NodeContext) -> list[int]:
     """The statuses with which a parallel can end."""
-    contexts = list(child_contexts(node, context))
+    pairs = list(zip(node.children, child_contexts(node, context), strict=True))
     success, failure = args.needed(len(node.children))
     failing, succeeding = (
-        sum(
-            end_facts(child, here, end) is not None
-            for child, here in zip(node.children, contexts, strict=True)
-        )
+        sum(end_facts(child, here, end) is not None for child, here in pairs)
         for end in (FAILURE, SUCCESS)
     )
     # If all children have ended without a decision, too few succeeded: it fails.

@@ -105,7 +105,8 @@ def warnings(
             continue
         for at in sorted(messages, reverse=True):
             line, column, _, uses = source[at]
-            distinct[(line, column) if everywhere else uses[0], code] = messages[at]
+            own = (line, column)  # a node of a `for` may have no use around it
+            distinct[own if everywhere or not uses else uses[0], code] = messages[at]
     doubtful = [LintWarning(*at, message, code) for (at, code), message in distinct.items()]
     never_used = [
         LintWarning(line, column, f"{kind} {name!r} is never used", f"unused-{kind}")

@@ -243,16 +243,13 @@ def _visit(node: Node, context: NodeContext) -> tuple[Node, tuple[str, ...]]:
     while (rewrite := _first(node, context)) is not None:
         node, reason = rewrite
         reasons.append(reason)
-    contexts = child_contexts(node, context)
-    for index, child in enumerate(node.children):
-        if not child.children:
-            continue  # no rule applies to a leaf
-        shorter_child, new = _visit(child, contexts[index])
-        if new:
-            reasons += new
-            children = (*node.children[:index], shorter_child, *node.children[index + 1 :])
-            node = node._replace(children=children)
-            contexts = child_contexts(node, context)
+    children = []
+    for child, here in zip(node.children, child_contexts(node, context), strict=True):
+        shorter_child, new = _visit(child, here) if child.children else (child, ())
+        children.append(shorter_child)
+        reasons += new
+    if tuple(children) != node.children:
+        node = node._replace(children=tuple(children))
     return node, tuple(reasons)
 
 

@@ -141,22 +141,19 @@ def negate(expr: ConditionExpr) -> ConditionExpr:
 
 def opposite(expr: ConditionExpr) -> ConditionExpr:
     """The negation of a condition, in negation normal form."""
-    if isinstance(expr, Condition) and expr.divides:
-        return Compound("not", (expr,))
-    if isinstance(expr, Condition):
-        return expr._replace(operator=OPPOSITE[expr.operator])
-    if expr.word == "not":
-        return to_nnf(expr.parts[0])
-    return combine({"and": "or", "or": "and"}[expr.word], [opposite(p) for p in expr.parts])
+    return to_nnf(expr, negated=True)
 
 
-def to_nnf(expr: ConditionExpr) -> ConditionExpr:
-    """The condition in negation normal form: `not` only negates a division."""
+def to_nnf(expr: ConditionExpr, *, negated: bool = False) -> ConditionExpr:
+    """A condition or its negation in negation normal form: `not` only negates a division."""
     if isinstance(expr, Condition):
-        return expr
+        if negated and expr.divides:
+            return Compound("not", (expr,))
+        return expr._replace(operator=OPPOSITE[expr.operator]) if negated else expr
     if expr.word == "not":
-        return opposite(expr.parts[0])
-    return combine(expr.word, [to_nnf(part) for part in expr.parts])
+        return to_nnf(expr.parts[0], negated=not negated)
+    word = {"and": "or", "or": "and"}[expr.word] if negated else expr.word
+    return combine(word, [to_nnf(part, negated=negated) for part in expr.parts])
 
 
 def terms(expr: ConditionExpr) -> Iterator[Condition]:

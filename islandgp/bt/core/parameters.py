@@ -60,9 +60,8 @@ def _identifier(word: str) -> str:
 
 
 def _name(word: str) -> str:
-    is_free = NAME.fullmatch(word) and word not in RESERVED
     expected = "a name of letters, digits and _ that is not a keyword of the language"
-    expect(is_free, expected, f"{word!r}; rename it")
+    expect(is_name(word), expected, f"{word!r}; rename it")
     return word
 
 

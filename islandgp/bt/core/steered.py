@@ -68,22 +68,19 @@ def if_else(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
 def round_robin(compiler: Compiler, node: Node, _: Observed | None) -> Tick:
     """Tries its children in turn; begins after the child that succeeded last."""
     count = len(node.children)
-    start = tried = 0  # the child with which it begins; those that have started since then
+    start = begun = 0  # the child with which it begins next, and with which it began
 
     def first() -> int:
-        nonlocal start, tried
-        child, start, tried = start, 0, 1  # after an abort it begins with the first child
-        return child
+        nonlocal start, begun
+        begun, start = start, 0  # after an abort it begins with the first child
+        return begun
 
     def after(child: int, status: int) -> int:
-        nonlocal start, tried
+        nonlocal start
         following = (child + 1) % count
         if status == SUCCESS:
             start = following
-        elif tried < count:
-            tried += 1
-            return following
-        return END
+        return END if status == SUCCESS or following == begun else following
 
     return _steered(compiler, node, first, after)
 
