@@ -26,8 +26,9 @@ from islandgp.bt.core.node import (
     leaf,
     marked,
     sequence,
+    switch,
 )
-from islandgp.bt.core.node_builder import NODE, NodeBuilder, Token, Tree
+from islandgp.bt.core.node_builder import KEY, NODE, NodeBuilder, Token, Tree
 from islandgp.bt.core.printer import head, number_text, use_text
 from islandgp.bt.core.source import Source, Word, shown
 from islandgp.bt.core.unknown import listing, unknown
@@ -145,9 +146,7 @@ class Builder(NodeBuilder):
             if kind == "use":
                 return self._use(tree, level)
             if kind not in KINDS:
-                from islandgp.bt.core.short_forms import BUILDERS  # few trees have them
-
-                node = BUILDERS[kind](self, tree, level)
+                node = self._short_form(tree, level)
                 return node if isinstance(node, MarkedNode) else self.marked(node, tree)
             if kind == "action" and parts[0] in self.values:
                 return self._placed(tree, level)
@@ -160,6 +159,31 @@ class Builder(NodeBuilder):
             node, subtrees = NO_TREE, [p for p in parts if getattr(p, "data", "") in NODES]
         node = node._replace(children=tuple([self.node(part, level + 1) for part in subtrees]))
         return self.marked(node, tree)
+
+    def _short_form(self, tree: Tree, level: int) -> Node:
+        """The nodes for which a `for`, a `switch` or a case is short, or the form as written."""
+        match str(tree.data), tree.children:
+            case "for", [_, name, *arguments, body]:
+                self.count(name, level)
+                words = [Word(name, self.source, open=True)]
+                head = f"for {name} in [{', '.join(map(self.argument_text, arguments))}]"
+                if not self.written:
+                    words = [self.passed(each, f"{name} of the `for`") for each in arguments]
+                values = [{**self.values, str(name): word} for word in words]
+                nodes = [self.inside(body, self.source, v, level + 1, name) for v in values]
+                node = sequence(*nodes)
+            case "switch", [_, name, *cases]:
+                self.count(name, level)
+                key, head = self.word(name, KEY), f"switch {name}"
+                values_of_key = [case.children[0] for case in cases if case.data == "case"]
+                tests = [self.compare(key, "==", value) for value in values_of_key]
+                nodes = [self.node(case, level + 1) for case in cases]
+                node = switch(tests, nodes)
+            case _, [value, body]:
+                self.count(value, level)
+                head, nodes = str(value), [self.node(body, level + 1)]
+                node = nodes[0]
+        return Node(str(tree.data), WrittenArgs(head), tuple(nodes)) if self.written else node
 
     def marked(self, node: Node, tree: Tree) -> Node:
         """The node with the mark of its place, if nodes are marked."""
