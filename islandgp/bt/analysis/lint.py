@@ -6,33 +6,26 @@ written, with a reason.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
-from functools import partial
 from pathlib import Path
 from typing import Final
 
 from islandgp.bt.analysis.conflicts import conflicts
-from islandgp.bt.analysis.context import (
-    NodeContext,
-    Spot,
-    abort_effects,
-    contradictions,
-    never,
-    spots,
-)
-from islandgp.bt.analysis.satisfiability import Conditions, excludes, implies, keys_of
+from islandgp.bt.analysis.context import Spot, abort_effects, contradictions, never, spots
+from islandgp.bt.analysis.satisfiability import Conditions, excludes, keys_of
 from islandgp.bt.analysis.simplify import (
+    RULES,
     double_inverter,
     holds_anyway,
     never_gets_there,
     shorter_condition,
     whole_numbers,
 )
-from islandgp.bt.core.condition import Condition
+from islandgp.bt.core.condition import Condition, ConditionExpr, opposite
 from islandgp.bt.core.kinds import kind_of
 from islandgp.bt.core.language import parse_placed
-from islandgp.bt.core.node import FAILURE, GuardArgs, Node, ParallelArgs, Place, size, walk
+from islandgp.bt.core.node import FAILURE, ParallelArgs, Place, size, walk
 from islandgp.bt.core.printer import condition_text, head
 from islandgp.bt.core.vocabulary import Vocabulary
 
@@ -118,51 +111,44 @@ def warnings(
 def _about(spot: Spot) -> Iterator[tuple[int, str, str]]:
     """Warnings about one node: (place, code, message)."""
     at, node, context, _ = spot
-    kind = kind_of(node)
-    if kind.advance_status is not None:
-        if rewrite := never_gets_there(node, context):
-            place_of_next = at + 1 + sum(map(size, rewrite[0].children))
-            yield place_of_next, "unreachable", f"this branch can never run: {rewrite[1]}"
-    elif kind.inverts and (rewrite := double_inverter(node, context)):
-        yield at, "double-inverter", rewrite[1]
-    elif isinstance(node.args, ParallelArgs):
-        for count in node.args:
-            if isinstance(count, int | float) and count > len(node.children):
-                message = f"{head(node)} has {len(node.children)} children, so it needs all of them"
-                yield at, "parallel-count", message
-    elif node.guard:
-        yield from _guard(at, node.guard, node, context)
-    elif node.action:
-        for needed, holding in contradictions(node, context):
-            if not _undone(needed, spot):
-                reason = _reasons(holding, partial(excludes, expr=needed), context.vocabulary)
-                needs = f"it needs {condition_text(needed)}, but {reason}"
-                yield at, "never-succeeds", f"{node.action} can never succeed here: {needs}"
-                return
-
-
-def _guard(
-    at: int, guard: GuardArgs, node: Node, context: NodeContext
-) -> Iterator[tuple[int, str, str]]:
-    expr = guard.condition
-    text = condition_text(expr)
-    if never(guard, context):
-        reason = _reasons(context.at_start, partial(excludes, expr=expr), context.vocabulary)
-        why = f", as {reason}" if reason else " on any blackboard"
+    guard, text = node.guard, condition_text(node.guard.condition) if node.guard else ""
+    if guard and never(guard, context):
+        why = _why(context.at_start, guard.condition, context.vocabulary) or " on any blackboard"
         yield at + 1, "unreachable", f"this branch can never run: {text} can't hold{why}"
         return
-    if holds_anyway(node, context):
-        reason = _reasons(context.at_start, partial(implies, expr=expr), context.vocabulary)
-        why = f", as {reason}" if reason else ""
+    if guard and holds_anyway(node, context):
+        why = _why(context.at_start, opposite(guard.condition), context.vocabulary)
         yield at, "needless-guard", f"this guard is redundant: {text} always holds{why}"
         return
-    for rule, code in ((whole_numbers, "whole-number"), (shorter_condition, "long-condition")):
-        if rewrite := rule(node, context):
-            yield at, code, rewrite[1]
-    effects = dict(zip(("self", "lower"), abort_effects(node, context), strict=True))
-    if not effects.get(guard.abort, True):
-        yield at, "needless-abort", f"abort {guard.abort} has no effect here: {_INERT[guard.abort]}"
+    for rule in RULES[node.kind]:
+        if rule in _CODES and (rewrite := rule(node, context)):
+            yield at, _CODES[rule], rewrite[1]
+        elif rule is never_gets_there and (rewrite := rule(node, context)):
+            place_of_next = at + 1 + sum(map(size, rewrite[0].children))
+            yield place_of_next, "unreachable", f"this branch can never run: {rewrite[1]}"
+    for count in node.args if isinstance(node.args, ParallelArgs) else ():
+        if isinstance(count, int | float) and count > len(node.children):
+            message = f"{head(node)} has {len(node.children)} children, so it needs all of them"
+            yield at, "parallel-count", message
+    if guard and guard.abort in _INERT:
+        stops_child, interrupts = abort_effects(node, context)
+        if not (stops_child if guard.abort == "self" else interrupts):
+            message = f"abort {guard.abort} has no effect here: {_INERT[guard.abort]}"
+            yield at, "needless-abort", message
+    for needed, holding in contradictions(node, context):
+        if not _undone(needed, spot):
+            why = f"which can't hold{_why(holding, needed, context.vocabulary)}"
+            needs = f"it needs {condition_text(needed)}, {why}"
+            yield at, "never-succeeds", f"{node.action} can never succeed here: {needs}"
+            return
 
+
+_CODES: Final = {
+    double_inverter: "double-inverter",
+    shorter_condition: "long-condition",
+    whole_numbers: "whole-number",
+}
+"""Codes of the rules of `simplify` whose reasons are warnings."""
 
 _INERT: Final = {
     "self": "its child ends in the tick in which it starts, or the condition stays true",
@@ -188,18 +174,16 @@ def _undone(needed: Condition, spot: Spot) -> bool:
     return False
 
 
-def _reasons(
-    holding: Conditions, suffices: Callable[[Conditions], bool], vocabulary: Vocabulary
-) -> str:
-    """The conditions that suffice, as few as possible, as the reason of a warning."""
+def _why(holding: Conditions, expr: ConditionExpr, vocabulary: Vocabulary) -> str:
+    """The conditions by which another one cannot hold, as few as possible, as a clause."""
     kept = [*holding]
     for each in holding:
         rest = [other for other in kept if other is not each]
-        kept = rest if suffices(tuple(rest)) else kept
+        kept = rest if excludes(tuple(rest), expr) else kept
     texts = [
         f"{key} is {'a whole number, ' * (entry.whole and not entry.words)}{entry.meaning}"
         for key, entry in vocabulary.keys.items()
         if any(key in keys_of(each) for each in kept if each in vocabulary.always)
     ]
     texts += [f"{condition_text(c)} holds here" for c in kept if c not in vocabulary.always]
-    return " and ".join(texts)
+    return f", as {' and '.join(texts)}" * bool(texts)
