@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 import math
 import re
-from collections.abc import Iterable
+from collections.abc import Mapping
 from contextlib import suppress
 from functools import cache
 from typing import Annotated, Any, Final, NoReturn, TypeVar, cast
@@ -118,19 +118,19 @@ def to_json(value: Any) -> Any:
     return _adapter(cast("Any", type(value))).dump_python(value, mode="json")
 
 
-def field_values(instance: Any) -> dict[str, Any]:
-    """The fields of a dataclass, with nested dataclasses and those in tuples as dictionaries.
-
-    It copies no other values, and takes a tenth of the time of `asdict`.
-    """
-    names: Iterable[str] = instance.__dataclass_fields__
-    return {name: _without_dataclasses(getattr(instance, name)) for name in names}
+NAME: Final = re.compile(r"[\w. :/-]+")
+"""Names that MLflow takes."""
 
 
-def _without_dataclasses(value: Any) -> Any:
-    if isinstance(value, tuple):
-        return tuple(map(_without_dataclasses, value))
-    return field_values(value) if hasattr(value, "__dataclass_fields__") else value
+def flatten(config: Mapping[str, Any], path: str = "") -> dict[str, Any]:
+    """Nested mappings by dotted keys; lists and mappings with other signs in keys stay whole."""
+    by_key: dict[str, Any] = {}
+    for key, value in config.items():
+        if isinstance(value, Mapping) and value and all(NAME.fullmatch(str(k)) for k in value):
+            by_key |= flatten(value, f"{path}{key}.")
+        else:
+            by_key[f"{path}{key}"] = value
+    return by_key
 
 
 NanAsNull = Annotated[

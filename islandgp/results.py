@@ -23,8 +23,8 @@ import yaml
 
 from islandgp.atomic_files import damaged, reading
 from islandgp.errors import RunError
+from islandgp.plain import flatten
 from islandgp.records.folder import RunFolder, run_folders
-from islandgp.records.parameters import flatten
 from islandgp.records.sweep import arm_of, job_of
 from islandgp.records.values import generation_values, individual_values, run_values
 from islandgp.scoring.constraints import Constraints, recorded_constraints

@@ -197,15 +197,15 @@ class TreeTask:
         from islandgp.evaluation.serial import Serial
         from islandgp.running.parts import make_evaluator
 
-        perturbed, evaluator = self.settings.perturb is not None, self.settings.evaluator
+        evaluator = self.settings.evaluator
         made: Evaluator
         if episodes < 12:  # faster than starting processes
-            problem = self.settings.problem(perturbed=perturbed)
+            problem = self.settings.problem(perturbed=True)
             made = Serial(problem, episode_timeout=self.timeout)
         else:
             policy = {**evaluator.policy, "episode_timeout": self.timeout}
             changed = {"evaluator": evaluator.model_copy(update={"policy": policy})}
-            made = make_evaluator(self.settings.model_copy(update=changed), perturbed=perturbed)
+            made = make_evaluator(self.settings.model_copy(update=changed), perturbed=True)
         console = Console(stderr=True)
         bar = Progress(console=console, disable=not console.is_terminal, transient=True)
         task = bar.add_task("episodes", total=episodes)

@@ -12,8 +12,8 @@ from typing import Any, Final
 import yaml
 
 from islandgp.errors import StudyError
+from islandgp.plain import flatten
 from islandgp.records.folder import run_folders
-from islandgp.records.parameters import flatten
 from islandgp.records.sweep import read_sweep
 from islandgp.scoring.classes import Classes
 

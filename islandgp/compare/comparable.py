@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any, Final
 from islandgp.compare.arms import Arm, Run, in_short
 from islandgp.compare.measures import measured, read_runs
 from islandgp.errors import StudyError
-from islandgp.records.parameters import TASK, flatten, runtime_keys, short_key
+from islandgp.plain import flatten
+from islandgp.records.parameters import TASK, runtime_keys, short_key
 from islandgp.scoring.classes import Classes
 
 if TYPE_CHECKING:

@@ -6,7 +6,7 @@ import argparse
 import re
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import Any, Final
@@ -103,8 +103,7 @@ class Planned:
     settings: Settings
     folder: Path  # absolute, where the run keeps its records
     command: str  # that runs this job alone
-    launcher: dict[str, Any] = field(default_factory=dict)  # of a sweep
-    sweep: bool = False  # the command is a sweep
+    launcher: dict[str, Any]  # of a sweep; {}: a single run
 
 
 def only_job(overrides: Sequence[str], config_dir: str | Path | None = None) -> Planned:
@@ -227,7 +226,6 @@ def _plan(
         run_folder(config, own, home),
         command_line([*flags, *own]),
         resolved(launcher) if sweep else {},
-        sweep,
     )
 
 

@@ -161,18 +161,15 @@ class Settings(BaseModel, frozen=True, extra="forbid"):
                 )
         return domain
 
-    def problem(self, *, perturbed: bool | None = None) -> Problem:
+    def problem(self, *, perturbed: bool = False) -> Problem:
         """The problem of the run: the domain, and the worlds of the curriculum's stages.
 
-        `perturbed`: True: episodes run in perturbed worlds, which must be configured; None: as in
+        `perturbed`: True: episodes run in perturbed worlds, if some are configured; False: as in
         training.
         """
-        factory = self.domain.factory
-        if perturbed is None:
-            perturbed = self.perturb is not None and self.perturb.training
-        perturbation = self.perturb if perturbed else None
+        factory, task = self.domain.factory, (self.world, self.rewards, self.curriculum)
         with plugin_errors(path_of(factory)):
-            problem = Problem.of(factory, self.world, self.rewards, self.curriculum, perturbation)
+            problem = Problem.of(factory, *task, self.perturb, perturbed=perturbed)
         return replace(problem, observer=getattr(self.search.factory, "observer", None))
 
     def plan(self, domain: Domain) -> Plan:

@@ -25,7 +25,7 @@ from omegaconf import Container, DictConfig, OmegaConf
 from islandgp.errors import ConfigError
 from islandgp.gate import set_user_folder
 from islandgp.installed import CONF, conf_folders, hidden
-from islandgp.records.parameters import flatten
+from islandgp.plain import flatten
 from islandgp.resources import resource
 
 COMPOSE_LOCK: Final = Lock()  # Hydra composes one configuration at a time in a process

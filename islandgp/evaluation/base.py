@@ -12,12 +12,7 @@ from islandgp.bt.core.node import Node
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.domain import Domain, Observer, Outcome, prepare
 from islandgp.errors import RAISE_LIMIT, EvaluationError, RunError, TimeLimitError, brief
-from islandgp.evaluation.perturbation import (
-    Perturbation,
-    PerturbedWorlds,
-    recorded_perturbation,
-    staged,
-)
+from islandgp.evaluation.perturbation import Perturbation, PerturbedWorlds, staged
 from islandgp.gate import must_be_known_code
 from islandgp.plain import DECODE_ERRORS
 from islandgp.plugin import imported, raised_in
@@ -62,6 +57,8 @@ class Problem:
         rewards: Any,
         curriculum: Curriculum,
         perturbation: Perturbation | None = None,
+        *,
+        perturbed: bool = False,
     ) -> Self:
         """Makes the problem from configuration.
 
@@ -70,7 +67,9 @@ class Problem:
             world: settings of its world.
             rewards: settings of its rewards.
             curriculum: its stages may change settings of the world.
-            perturbation: of the worlds in which episodes run; None: unperturbed.
+            perturbation: of worlds; None: there is none.
+            perturbed: True: episodes run in perturbed worlds, if there are any; False: as in
+                training.
 
         Returns:
             The problem.
@@ -83,19 +82,18 @@ class Problem:
         worlds = tuple(staged(world, stage.world) for stage in curriculum.stages)
         if any(stage.world for stage in curriculum.stages):
             stages = tuple(factory.make(each, rewards) for each in worlds)
-        perturbed = None
-        if perturbation is not None:
-            perturbed = PerturbedWorlds(perturbation, factory, worlds, rewards)
-        return cls(factory.make(world, rewards), curriculum, stages, perturbed)
+        changed = None
+        if perturbation is not None and (perturbed or perturbation.training):
+            changed = PerturbedWorlds(perturbation, factory, worlds, rewards)
+        return cls(factory.make(world, rewards), curriculum, stages, changed)
 
     @classmethod
-    def recorded(cls, config: Mapping[str, Any], *, perturbed: bool | None = None) -> Self:
+    def recorded(cls, config: Mapping[str, Any], *, perturbed: bool = False) -> Self:
         """Makes the problem of a recorded run from its configuration.
 
         Args:
             config: the run's configuration as plain values.
-            perturbed: True: episodes run in the run's perturbed worlds, which it must have;
-                False: in unperturbed ones; None: as in training.
+            perturbed: as in `of`.
 
         Returns:
             The problem.
@@ -110,11 +108,9 @@ class Problem:
             factory = imported(config["domain"]["factory"])
             world = factory.World.model_validate(config["world"])
             rewards = factory.Rewards.model_validate(config["rewards"])
-            perturbation = recorded_perturbation(config)
-            if perturbed is None:
-                perturbed = perturbation is not None and perturbation.training
-            curriculum = Curriculum(**config["curriculum"])
-            return cls.of(factory, world, rewards, curriculum, perturbation if perturbed else None)
+            perturb, curriculum = config.get("perturb"), Curriculum(**config["curriculum"])
+            perturbation = None if perturb is None else Perturbation.model_validate(perturb)
+            return cls.of(factory, world, rewards, curriculum, perturbation, perturbed=perturbed)
         except DECODE_ERRORS as error:
             raise RunError(
                 f"Expected the configuration of a run, found a damaged one ({brief(error)});"

@@ -15,7 +15,7 @@ from pydantic import BaseModel, Field, FiniteFloat, ValidationError, field_valid
 
 from islandgp.domain import MAX_DELAY, Domain, Schema, SensorFaults
 from islandgp.errors import IslandError, brief
-from islandgp.plain import RISING
+from islandgp.plain import RISING, flatten
 from islandgp.plugin import path_of
 from islandgp.seeding import Stream, stream
 
@@ -37,12 +37,12 @@ class Perturbation(BaseModel, frozen=True, extra="forbid"):
     @field_validator("world", mode="before")
     @classmethod
     def _flattened(cls, world: Any) -> Any:
-        return _flat(world) if isinstance(world, Mapping) else world
+        return flatten(world) if isinstance(world, Mapping) else world
 
     def changes(self, world: Mapping[str, Any], seed: int) -> dict[str, Any]:
         """The changed settings of the perturbed world with this seed, by dotted name."""
         rng = stream(seed, Stream.PERTURBATION)
-        settings = _flat(world)
+        settings = flatten(world)
         return {
             name: int(rng.integers(int(least), int(most) + 1))
             if isinstance(settings[name], int)
@@ -66,7 +66,7 @@ class Perturbation(BaseModel, frozen=True, extra="forbid"):
         if not (self.world or self.noise or self.delay):
             yield "perturb: expected world, noise or delay, found nothing to perturb; give one"
         if self.world:
-            wrong = [*self._wrong_ranges(_flat(world.model_dump()))]
+            wrong = [*self._wrong_ranges(flatten(world.model_dump()))]
             yield from wrong or self._wrong_ends(factory, world, rewards)
         if self.noise and not any(key.noise for key in schema.vocabulary.keys.values()):
             yield "perturb.noise: expected a domain whose keys declare noise; leave it out"
@@ -146,18 +146,3 @@ def _changed(settings: Any, changes: Mapping[str, Any]) -> dict[str, Any]:
         nested = isinstance(inner, Mapping)
         changed[first] = _changed(changed.get(first), inner) if nested else inner
     return changed
-
-
-def recorded_perturbation(config: Mapping[str, Any]) -> Perturbation | None:
-    """The perturbation of a run, from its configuration. Raises pydantic.ValidationError."""
-    recorded = config.get("perturb")
-    return None if recorded is None else Perturbation.model_validate(recorded)
-
-
-def _flat(values: Mapping[Any, Any], path: str = "") -> dict[str, Any]:
-    """The values of nested mappings by dotted name."""
-    flat: dict[str, Any] = {}
-    for key, value in values.items():
-        nested = value and isinstance(value, Mapping)
-        flat |= _flat(value, f"{path}{key}.") if nested else {f"{path}{key}": value}
-    return flat

@@ -16,7 +16,7 @@ from islandgp.bt.core.node import size_and_depth
 from islandgp.gp.archive import ArchiveRecord, Elite
 from islandgp.gp.edits import EditRecord, EditTrial
 from islandgp.gp.population import Advice, Evaluated
-from islandgp.plain import field_values, to_json
+from islandgp.plain import to_json
 from islandgp.scoring.constraints import NO_CONSTRAINTS, Constraints, merit, violation
 from islandgp.scoring.generation_stats import GenerationStats
 
@@ -100,7 +100,7 @@ class GenerationRecord:
 
 def record_values(record: GenerationRecord) -> dict[str, Any]:
     """A record as JSON values. The fields of edits are left out if there are none."""
-    values = field_values(record)
+    values: dict[str, Any] = to_json(record)
     if not record.trials:
         del values["trials"]
     if record.guidance is not None and not record.guidance.edits:

@@ -8,6 +8,8 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from typing import Any, Final
 
+from islandgp.plain import flatten
+
 HIDDEN: Final = "***"  # replaces a secret
 RUNTIME_KEYS: Final = frozenset(
     {"evaluator", "tracking", "runs", "resume", "keep_going", "progress"}
@@ -20,7 +22,6 @@ TASK: Final = frozenset({"domain", "world", "rewards", "curriculum", "classes"})
 SECRET: Final = re.compile(r"(^|_)(api_?key|token|secret|password)$", re.IGNORECASE)
 CREDENTIALS: Final = re.compile(r"(?<=://)[^/\s'\"]*@")
 """User name and password in an address, with the `@` after them."""
-ALLOWED: Final = re.compile(r"[\w. :/-]+")  # valid names in MLflow
 
 
 def redacted(config: Mapping[str, Any]) -> dict[str, Any]:
@@ -90,17 +91,6 @@ def secret_in(override: str) -> str:
     names = [key_of(key), *re.findall(r"[{,]\s*['\"]?([\w.-]+)['\"]?\s*:", value)]
     paths = [".".join(names[: i + 1]) for i in range(len(names))]
     return next((name for name, path in zip(names, paths, strict=True) if is_secret(path)), "")
-
-
-def flatten(config: Mapping[str, Any], path: str = "") -> dict[str, Any]:
-    """A nested configuration by dotted keys; lists and mappings by operators stay whole."""
-    by_key: dict[str, Any] = {}
-    for key, value in config.items():
-        if isinstance(value, Mapping) and value and all(ALLOWED.fullmatch(str(k)) for k in value):
-            by_key |= flatten(value, f"{path}{key}.")
-        else:
-            by_key[f"{path}{key}"] = value
-    return by_key
 
 
 def flat(config: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

@@ -78,7 +78,7 @@ def _run_all(args: argparse.Namespace, argv: list[str], home: Path) -> int:
     for job in jobs:
         if not choose(RunFolder(job.folder), job.settings, redacted(job.config)).finished():
             check_parts(job.settings)
-    if job.sweep:
+    if job.launcher:
         from islandgp.running.sweep import run_sweep  # only for sweeps
 
         return run_sweep(jobs, command_line(argv), home)

@@ -273,7 +273,7 @@ def make_search(settings: Settings, plan: Plan) -> Search:
     return search
 
 
-def make_evaluator(settings: Settings, *, perturbed: bool | None = None) -> Evaluator:
+def make_evaluator(settings: Settings, *, perturbed: bool = False) -> Evaluator:
     """Makes the configured evaluator; `perturbed` as in `Settings.problem`."""
     part, problem = settings.evaluator, settings.problem(perturbed=perturbed)
     evaluator: Evaluator = part.factory.make(part.settings(), problem)

@@ -77,34 +77,35 @@ class Progress:
         self.mode, self.left, self.milestones, self.spent = mode, left, milestones, spent
         self.rate, self.done, self._before = rate, done, done
         self._began = monotonic()
-        head = ["generation", "best", "mean", "diversity", "working", *milestones]
-        head += [*["mutation"] * rate, "time left"]
-        widths = (10, 9, 9, 9, 7, *(max(4, len(name)) for name in milestones), *[8] * rate, 9)
-        self._widths = widths
+        columns = [("generation", 10), ("best", 9), ("mean", 9), ("diversity", 9), ("working", 7)]
+        columns += [(name, max(4, len(name))) for name in milestones]
+        columns += [*[("mutation", 8)] * rate, ("time left", 9)]
+        self._widths = [width for _, width in columns]
         self._print(title + (f" (from generation {done})" if done else ""))
-        self._print_cells(head)
+        self._print_cells(name for name, _ in columns)
 
     def show(self, step: Step) -> None:
         """Show a generation."""
+        s, guidance = step.record.snapshot, step.record.guidance
         self.done += 1
         self.spent += step.cost.episodes
         left = max(0, self.left(self.done - 1, self.spent))
-        a_generation = (monotonic() - self._began) / (self.done - self._before)
-        self._print_cells(self._row(step, self.done - 1 + left, a_generation * left))
-
-    def _row(self, step: Step, last: int, seconds_left: float) -> Iterable[str]:
-        """The cells of a generation."""
-        s, guidance = step.record.snapshot, step.record.guidance
-        yield f"{s.generation}/{last}"
-        yield in_points(s.fitness_max)
-        yield in_points(s.fitness_mean)
-        yield f"{s.diversity:.2f}"
-        yield f"{s.working:.2f}"
-        yield from (str(s.tiers[name]) for name in self.milestones)
-        if self.rate:
-            rate = "" if guidance is None else f"{guidance.applied_rate:.2f}"
-            yield rate + "!" * bool(guidance and guidance.crisis)
-        yield "" if guidance is None else duration(seconds_left)
+        rate = time_left = ""
+        if guidance is not None:
+            rate = f"{guidance.applied_rate:.2f}" + "!" * bool(guidance.crisis)
+            time_left = duration((monotonic() - self._began) / (self.done - self._before) * left)
+        self._print_cells(
+            (
+                f"{s.generation}/{self.done - 1 + left}",
+                in_points(s.fitness_max),
+                in_points(s.fitness_mean),
+                f"{s.diversity:.2f}",
+                f"{s.working:.2f}",
+                *(str(s.tiers[name]) for name in self.milestones),
+                *[rate] * self.rate,
+                time_left,
+            )
+        )
 
     def _print_cells(self, cells: Iterable[str]) -> None:
         pairs = zip(cells, self._widths, strict=True)

@@ -17,10 +17,11 @@ from uuid import uuid4
 
 from islandgp.config.settings import Settings
 from islandgp.errors import IslandError, RunError
+from islandgp.plain import flatten
 from islandgp.plugin import path_of
 from islandgp.records.files import RunMetadata
 from islandgp.records.folder import RunFolder
-from islandgp.records.parameters import flatten, identity_config, runtime_keys
+from islandgp.records.parameters import identity_config, runtime_keys
 
 REPEAT_MARK: Final = "~"
 """Precedes the number in the folder name of a repeated run; no other name contains it."""

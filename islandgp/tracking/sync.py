@@ -16,8 +16,9 @@ from pydantic import ValidationError
 
 from islandgp.errors import TrackingError, UntrustedError
 from islandgp.gate import cleaned
+from islandgp.plain import flatten
 from islandgp.records.folder import RunFolder, Status, run_folders
-from islandgp.records.parameters import flatten, without_credentials
+from islandgp.records.parameters import without_credentials
 from islandgp.records.sweep import read_sweep
 from islandgp.tracking.store import MLflowSettings, Store, TrackingStore
 from islandgp.tracking.upload import RunUploader, send_sweep

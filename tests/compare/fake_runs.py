@@ -22,9 +22,9 @@ from islandgp.gp.record import (
     IndividualRecord,
     record_values,
 )
+from islandgp.plain import flatten
 from islandgp.records.archive_file import ArchiveFile
 from islandgp.records.manifest import write_manifest
-from islandgp.records.parameters import flatten
 from islandgp.records.values import answers
 from tests.composed import plain
 from tests.samples import ANY, NOTHING, snapshot

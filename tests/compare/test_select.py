@@ -19,8 +19,8 @@ from islandgp.compare.arms import (
 )
 from islandgp.compare.measures import read_runs
 from islandgp.errors import RunError, StudyError
+from islandgp.plain import flatten
 from islandgp.records.folder import RunFolder
-from islandgp.records.parameters import flatten
 from islandgp.records.sweep import Sweep, SweepJob, write_sweep
 from islandgp.results import load
 from tests.compare.fake_runs import config, fake_run, written

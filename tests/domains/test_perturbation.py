@@ -97,7 +97,8 @@ def problem(*overrides: str, **perturb: Any) -> Problem:
     settings = composed(SHORT, *overrides)
     perturbation = Perturbation.model_validate(perturb)
     factory = settings.domain.factory
-    return Problem.of(factory, settings.world, settings.rewards, settings.curriculum, perturbation)
+    task = (settings.world, settings.rewards, settings.curriculum)
+    return Problem.of(factory, *task, perturbation, perturbed=True)
 
 
 def outcomes(island: Problem, seeds: list[int]) -> list[Any]:
@@ -136,11 +137,10 @@ def test_training() -> None:
         settings = composed(SHORT, override)
         assert (settings.problem().perturbed is not None) is training
         assert settings.problem(perturbed=True).perturbed is not None
-        assert settings.problem(perturbed=False).perturbed is None
         config = plain(SHORT, override)
         assert (Problem.recorded(config).perturbed is not None) is training
         assert Problem.recorded(config, perturbed=True).perturbed is not None
-    assert composed().problem().perturbed is None
+    assert composed().problem(perturbed=True).perturbed is None
     assert Problem.recorded(plain()).perturbed is None
 
 

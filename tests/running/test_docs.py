@@ -130,6 +130,8 @@ class Finished:
             "fittest": {"record": {"fitness": 68396}, "generation": 39},
             "first": {"complete": 0, "excellent": 0},
             "answers": {},
+            "nothing_works": "",
+            "learned": [],
         }
 
 

@@ -19,7 +19,7 @@ from islandgp.cli import islandgp as group
 from islandgp.config.compose import planned
 from islandgp.config.reads import must_be_read
 from islandgp.config.sources import ConfigSource
-from islandgp.records.parameters import flatten
+from islandgp.plain import flatten
 from islandgp.resources import resource
 from islandgp.running.app import main, parsed_argv
 from islandgp.tracking.store import Store

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from islandgp.records.parameters import flat, flatten, is_secret, redacted
+from islandgp.plain import flatten
+from islandgp.records.parameters import flat, is_secret, redacted
 
 
 def test_nested_values_become_dotted_keys() -> None:
