@@ -114,11 +114,9 @@ class Lazy(click.Group):
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:  # noqa: ARG002
         """Write the table of commands without importing them."""
+        ours = [(name, line) for name, (_, line, _) in COMMANDS.items()]
         with formatter.section("Commands"):
-            formatter.write_dl([(name, line) for name, (_, line, _) in COMMANDS.items()])
-        if others := of_distributions():
-            with formatter.section("Commands of other distributions"):
-                formatter.write_dl(list(others.items()))
+            formatter.write_dl([*ours, *of_distributions().items()])
 
 
 @click.group(

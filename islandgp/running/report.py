@@ -152,7 +152,7 @@ def summary(
         generations=len(snapshots),
         seconds=round(history.seconds, 3),
         constraints=in_words(settings.constraints) if settings.constraints else None,
-        nothing_works=nothing_works(history, classes, settings.rewards),
+        nothing_works=nothing_works(history, classes),
         learned=tuple(learned),
         stopped=last.stopped,
     )

@@ -27,13 +27,16 @@ ADDRESSES: Final = {
 """Tables with addresses to which MLflow's server connects, and their columns."""
 
 
-def keep_artifacts(file: Path, folder: Path, tag: str) -> None:
-    """Sets the place of the artifacts of all runs with a tag to a folder.
+def keep_artifacts(file: Path | None, artifacts: str | None, tag: str) -> None:
+    """Sets the place of the artifacts of all runs with a tag to a folder; for a server, nothing.
 
     Raises:
         TrackingError: the database is another program's.
         UntrustedError: the folder is a link.
     """
+    if file is None or artifacts is None:
+        return
+    folder = Path(artifacts)
     check_file(folder)
     where = f"{location(folder)}/"
     with closing(_open(file)) as store, store:

@@ -115,11 +115,6 @@ class TrackingStore:
             return self.uri
         return f"sqlite+pysqlite:///{quote(str(self.file), safe=UNQUOTED)}"
 
-    def keep_artifacts(self) -> None:
-        """Sets the place of this package's artifacts in a SQLite file. Raises TrackingError."""
-        if self.file is not None and self.artifacts is not None:
-            keep_artifacts(self.file, Path(self.artifacts), KEY)
-
 
 UNQUOTED: Final = "".join(chr(n) for n in range(32, 127) if chr(n) not in "?%#")
 
@@ -184,7 +179,7 @@ class Store:
         run = self.client.create_run(
             self.experiment, start_time=started, tags={**tags, **standard_tags}, run_name=name
         )
-        self.place.keep_artifacts()
+        keep_artifacts(self.place.file, self.place.artifacts, KEY)
         return str(run.info.run_id)
 
     def log_parameters(self, run: str, pairs: Iterable[tuple[str, str]]) -> None:
@@ -261,7 +256,7 @@ def _client(place: TrackingStore) -> MlflowClient:
     if place.file is not None and _make(place.file):
         # Its connections may be to a file that was deleted.
         _get_store(place.address).engine.dispose()  # type: ignore[no-untyped-call]
-    place.keep_artifacts()
+    keep_artifacts(place.file, place.artifacts, KEY)
     return MlflowClient(tracking_uri=place.address)
 
 

@@ -36,12 +36,11 @@ def place_from(uri: str, experiment: str) -> TrackingStore:
             uri=uri, artifacts="mlartifacts", experiment=experiment, patience=0
         )
     except ValidationError:
-        if not experiment:
-            raise TrackingError("Expected the name of an experiment, found none.") from None
         raise TrackingError(
-            "Expected a store as sqlite:///FILE or http://HOST:PORT, with a port from 1 to 65535"
-            " and without a password (set MLFLOW_TRACKING_USERNAME and MLFLOW_TRACKING_PASSWORD),"
-            f" found {cleaned(without_credentials(uri))!r}."
+            "Expected the name of an experiment, and a store as sqlite:///FILE or http://HOST:PORT,"
+            " with a port from 1 to 65535 and without a password (set MLFLOW_TRACKING_USERNAME and"
+            f" MLFLOW_TRACKING_PASSWORD), found {cleaned(without_credentials(uri))!r} and"
+            f" {experiment!r}."
         ) from None
     file = TrackingStore.of(settings, Path.cwd()).file
     return TrackingStore.of(settings, Path.cwd() if file is None else file.parent)

@@ -2,19 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from functools import lru_cache
-from itertools import accumulate, groupby, pairwise
+from itertools import accumulate, groupby
 from math import fsum
 from operator import itemgetter
 from statistics import fmean
 from typing import Any, Final
 
 from islandgp.bt.core.language import parse
-from islandgp.bt.core.node import Node, size
+from islandgp.bt.core.node import size
 from islandgp.bt.export.render import label
-from islandgp.domain import RewardTable
 from islandgp.records.files import generation_lines
 from islandgp.records.folder import RunFolder
 from islandgp.scoring.classes import Classes
@@ -23,7 +22,7 @@ from islandgp.text import title
 
 POINTS: Final = 300  # most points of a curve in a picture
 TIERS: Final = 8  # most curves of tiers; the best tiers have one
-LAST: Final = ("best_of_stage", "coverage", "qd_score")  # of some generations, that of the last one
+CURVES: Final = ("fitness_max", "fitness_mean", "best_of_stage", "coverage", "qd_score")
 
 
 @dataclass(slots=True)
@@ -39,7 +38,6 @@ class RunRecords:
     """By generation: points, the archive's figures, and the share of individuals of each tier."""
     fittest: Mapping[str, Any] | None = None  # record of the best individual of the last stage
     first_best: str = ""  # canonical text of the fittest tree of generation 0
-    earned: set[str] = field(default_factory=set)  # components with which any individual won points
     counted: set[str] = field(default_factory=set)  # counters that were above 0 in any individual
 
     @property
@@ -88,7 +86,6 @@ class RunRecords:
         if (guidance := record["guidance"]) is not None:
             self.decisions.append({key: guidance[key] for key in ("source", "asked_at")})
         for i in everyone:
-            self.earned.update(name for name, points in i["components"].items() if points > 0)
             self.counted.update(name for name, value in i["counters"].items() if value > 0)
 
     def _merit(self, individual: Mapping[str, Any]) -> Merit:
@@ -107,7 +104,7 @@ def read_history(folder: RunFolder) -> RunRecords:
 MAX_NAMES: Final = 6  # most names in a sentence
 
 
-def nothing_works(history: RunRecords, classes: Classes, rewards: object) -> str:
+def nothing_works(history: RunRecords, classes: Classes) -> str:
     """A sentence on what no individual has achieved, with remedies; "" if something works.
 
     Something works if an individual has shown a behaviour and one has reached a tier. Points are
@@ -116,27 +113,17 @@ def nothing_works(history: RunRecords, classes: Classes, rewards: object) -> str
     Args:
         history: of at least one generation.
         classes: of the run.
-        rewards: of its domain; if it is a RewardTable, events that never paid are named, except
-            those of a component with penalties, which may hide their points.
     """
-    table = rewards.events if isinstance(rewards, RewardTable) else {}
-    known = history.earned | {row.component for row in table.values() if row.costs}
-    unpaid = [event for event, row in table.items() if row.component not in known]
     missing = [name for name, key in classes.behaviours.items() if key not in history.counted]
     reached = any(n for snapshot in history.snapshots for n in snapshot["tiers"].values())
     if reached and len(missing) < len(classes.behaviours):
         return ""
-    failures = []
-    if not reached:
-        failures.append(f"reached a tier ({_listed(map(title, classes.tiers))})")
-    if missing:
-        failures.append(f"shown a behaviour ({_listed(missing)})")
-    if unpaid:
-        failures.append(f"earned points for {_listed(unpaid)}")
+    tiers = "" if reached else f"reached a tier ({_listed(map(title, classes.tiers))})"
+    behaviours = f"shown a behaviour ({_listed(missing)})" if missing else ""
     return (
-        f"No individual has ever {' or '.join(failures)} in {history.episodes:,} episodes:"
-        " start from a tree (`start=`), add a library, reward a step before it, or raise"
-        " `gp.episodes`."
+        f"No individual has ever {' or '.join(filter(None, (tiers, behaviours)))} in"
+        f" {history.episodes:,} episodes: start from a tree (`start=`), add a library, reward a"
+        " step before it, or raise `gp.episodes`."
     )
 
 
@@ -147,25 +134,21 @@ def _listed(names: Iterable[str]) -> str:
 
 
 def thinned(history: RunRecords, points: int = POINTS) -> dict[str, Any]:
-    """The curves with at most `points` points, each of about as many generations."""
-    n, k = history.generations, min(history.generations, points)
-    places = [*pairwise(i * n // k for i in range(k + 1))] if k else []
+    """The curves with at most `points` points: of generations at equal distances, and the last."""
+    n = history.generations
+    places = sorted({(i + 1) * n // points - 1 for i in range(points)} - {-1})
     episodes = [*accumulate(cost["episodes"] for cost in history.costs)]
     stages = [snapshot["stage"] for snapshot in history.snapshots]
+    tiers = [*history.snapshots[-1]["tiers"]][:TIERS] if n else []
 
-    def joined(name: str, join: Callable[[Sequence[float]], float] = fmean) -> list[float]:
-        values = [row.get(name, 0.0) for row in history.curves]
-        return [join(values[first:end]) for first, end in places]
+    def curve(name: str) -> list[float]:
+        return [history.curves[place].get(name, 0.0) for place in places]
 
     return {
-        "generation": [end - 1 for _, end in places],
-        "episodes": [episodes[end - 1] for _, end in places],
-        "fitness_max": joined("fitness_max", max),
-        "fitness_mean": joined("fitness_mean"),
-        **{name: joined(name, itemgetter(-1)) for name in LAST},
-        "tiers": {tier: joined(tier) for tier in [*history.snapshots[-1]["tiers"]][:TIERS]}
-        if n
-        else {},
+        "generation": places,
+        "episodes": [episodes[place] for place in places],
+        **{name: curve(name) for name in CURVES},
+        "tiers": {tier: curve(tier) for tier in tiers},
         "stages": [
             [episodes[g], stages[g] + 1] for g in range(n) if not g or stages[g] != stages[g - 1]
         ],
@@ -235,22 +218,18 @@ def lineage(folder: RunFolder, name: str) -> list[LineageStep]:
     return steps
 
 
-@lru_cache(maxsize=8)  # an ancestor is compared with its parent, and its child with it
-def _tree(text: str) -> Node:
-    return parse(text)
-
-
 def tree_changes(old: str, new: str) -> tuple[str, ...] | None:
     """A line for each node that differs between two trees; None if one has over MAX_NODES."""
     from islandgp.bt.analysis.compare import Mark, compare  # only for a tree with a parent
 
-    if max(size(_tree(old)), size(_tree(new))) > MAX_NODES:
+    before, after = parse(old), parse(new)
+    if max(size(before), size(after)) > MAX_NODES:
         return None
     arrow = " \N{RIGHTWARDS ARROW} "
     return tuple(
         f"{line.mark} {'  ' * line.level}"
         + arrow.join(dict.fromkeys(label(n) for n in (line.old, line.new) if n is not None))
-        for line in compare(_tree(old), _tree(new))
+        for line in compare(before, after)
         if line.mark is not Mark.SAME
     )
 

@@ -67,10 +67,9 @@ def test_a_store_deleted_under_way_is_made_again(
     """With all records from the first one on, and without a traceback."""
     folder = begun(home / "runs/a/one", home)
     follows = tracker(home, "sqlite:///mlflow.db", 120)
-    follows.start(folder)
     all_steps = steps()
     folder.append(all_steps[0])
-    follows.generation()
+    follows.start(folder)
     end = monotonic() + 120
     store = Store(place(home))
     while not any(run.data.metrics for run in store.client.search_runs([store.experiment])):

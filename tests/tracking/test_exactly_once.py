@@ -62,7 +62,7 @@ def lives(run_stages: list[Stage], template: Path, tmp_path: Path) -> Lives:
 MOMENTS = (
     ("create_run", 0, Fault.UNANSWERED),
     ("create_run", 0, Fault.LATE),
-    ("update_run", 1, Fault.LATE),  # it sets RUNNING
+    ("update_run", 0, Fault.LATE),  # it sets RUNNING
     ("log_batch", 2, Fault.LATE),  # the first generations
     ("set_terminated", 0, Fault.LATE),
     ("log_batch", -1, Fault.UNANSWERED),  # the points of the whole run
