@@ -9,7 +9,7 @@ from functools import cache, cached_property
 from importlib.util import find_spec
 from json import dumps, loads
 from math import isfinite
-from typing import Any, ClassVar, Final, Self
+from typing import Any, ClassVar, Final
 
 from pydantic import BaseModel
 
@@ -56,25 +56,18 @@ class Gymnasium(SimulatorDomain):
     World: ClassVar[type[BaseModel]] = settings.GymnasiumWorld
 
     def __init__(self, world: settings.GymnasiumWorld, rewards: RewardTable) -> None:
+        """Raises ConfigError if the environment is missing or does not fit."""
         super().__init__(world, rewards)
-        self.schema = world.declared()
-        self.step_s = world.step_s
-
-    @classmethod
-    def make(cls, world: settings.GymnasiumWorld, rewards: RewardTable) -> Self:
-        """See `Domain`. Raises ConfigError if the environment is missing or does not fit."""
         if find_spec("gymnasium") is None:
             raise ConfigError(
                 f"domain={world.name}: expected the package gymnasium, found none; install it"
                 " with pip install 'islandgp[gymnasium]'."
             )
-        domain = cls(world, rewards)
-        spaces = Spaces.of(domain.environment(render=False), world.environment)
+        spaces = Spaces.of(self.environment(render=False), world.environment)
         if fault := next(_faults(world, spaces), ""):
             raise ConfigError(f"world.{fault}")
-        whole = [place for place, at in spaces.places.items() if spaces.whole[at]]
-        domain.schema = world.declared(whole)
-        return domain
+        self.step_s = world.step_s
+        self.schema = world.declared([n for n, at in spaces.places.items() if spaces.whole[at]])
 
     def environment(self, *, render: bool) -> Any:
         """The environment of this process. Raises ConfigError if it cannot be created.
@@ -128,19 +121,15 @@ class _Episode:
         self.env, self.log = env, log
         self.shrink, self.frame_every = world.shrink, world.frame_every
         self.total, self.steps = 0.0, 0
-        ats = {n: spaces.places[o.at] for n, o in world.observations.items()}
+        self._at = {n: spaces.places[o.at] for n, o in world.observations.items()}
         self._read, self._act = spaces.read, spaces.act
         self._values = self._read(env.reset(seed=seed)[0])
         self._step, self._steps_matter = env.step, log.matters("step")
-        places = {"reward": -2, "step": -1, **ats}  # of the numbers of a step
+        places = {"reward": -2, "step": -1, **self._at}  # of the numbers of a step
         self._signals = [(n, places[s.of], s.above, s.below) for n, s in world.signals.items()]
         none = spaces.none if world.otherwise is None else world.otherwise
         self._none: tuple[Any, str] = (none, "")
         self._chosen: tuple[Any, str] = self._none
-        observed = world.observations.items()
-        self._keys = [(ats[n], *o.bounds) for n, o in observed]
-        self._words = [i for i, (_, o) in enumerate(observed) if o.words]
-        self._flags = [i for i, (_, o) in enumerate(observed) if o.flag]
 
     def leaf(self, choice: settings.Choice, name: str) -> Leaf:
         """A leaf that chooses an action of the environment, and succeeds immediately."""
@@ -159,22 +148,21 @@ class _Episode:
 
     def reader(self, keys: Mapping[str, Key]) -> Callable[[], list[float]]:
         """See `SimulatorDomain`. Reads observations directly, without a dict."""
-        places, flags, words, none = self._keys, self._flags, self._words, self._none
+        places = [(self._at[name], *key.bounds) for name, key in keys.items()]
+        choices = [i for i, key in enumerate(keys.values()) if key.choices]  # words and flags
 
         def read() -> list[float]:
-            self._chosen = none
+            self._chosen = self._none
             values = self._values
             readings = [
                 low if (value := values[at]) < low else high if value > high else value
                 for at, low, high in places
             ]
-            for i in flags:
-                readings[i] = float(readings[i] > 0.5)
-            for i in words:
-                readings[i] = float(round(readings[i]))
             if not isfinite(sum(readings)):
                 found = dict(zip(keys, readings, strict=True))
                 must_be_numbers(found, "key", keys, keys, self.env.step)
+            for i in choices:
+                readings[i] = float(round(readings[i]))
             return readings
 
         return read

@@ -49,14 +49,7 @@ class Observation(BaseModel, frozen=True, extra="forbid"):
     step: float = Field(default=0.1, gt=0)  # distance between two thresholds of random trees
     noise: float = Field(default=0.0, ge=0, le=1e6)  # standard deviation in perturbed worlds
 
-    @property
-    def bounds(self) -> tuple[float, float]:
-        """The range to which values are clipped."""
-        if self.words:
-            return 0, len(self.words) - 1
-        return (-inf, inf) if self.flag else self.range
-
-    def key(self, whole: Collection[int | str] = ()) -> Key:
+    def key(self, whole: Collection[int | str]) -> Key:
         """The key for the vocabulary; `whole` are the places of whole numbers."""
         if self.flag:
             return flag(self.meaning)
@@ -142,7 +135,7 @@ class GymnasiumWorld(BaseModel, frozen=True, extra="forbid"):
                 )
         return self
 
-    def declared(self, whole: Collection[int | str] = ()) -> Schema:
+    def declared(self, whole: Collection[int | str]) -> Schema:
         """The schema of the domain; `whole` are the places of whole numbers in an observation.
 
         Raises DomainError for keywords of the language.
