@@ -27,12 +27,7 @@ from islandgp.commands.files import (
     read_tree_text,
     write_text,
 )
-from islandgp.commands.options import (
-    DomainOptions,
-    NumberRange,
-    with_episode_options,
-    with_output_option,
-)
+from islandgp.commands.options import DomainOptions, with_episode_options, with_output_option
 from islandgp.commands.setting import tree_task
 from islandgp.commands.tables import (
     Column,
@@ -190,11 +185,6 @@ def explain_command(
 @click.argument("file", type=FILE)
 @with_output_option
 @click.option(
-    "--tolerance",
-    type=NumberRange(min=0, max=0.5),
-    help="Largest loss of mean fitness, as a share of it; by default that of the configuration.",
-)
-@click.option(
     "--episodes",
     type=click.IntRange(LEAST_EPISODES, 1_000_000),
     default=3_000,
@@ -205,22 +195,21 @@ def explain_command(
 def prune_command(
     file: str,
     output: str,
-    tolerance: float | None,
     episodes: int,
     seed: int,
     options: DomainOptions,
 ) -> None:
     """Shorten the tree in FILE as far as its fitness allows.
 
-    Nodes, terms and digits go if the tree keeps its fitness within the tolerance, and its tiers,
-    behaviours and constraints, in the same worlds. The trees on the way are then evaluated in
-    fresh worlds; the shortest one that is as good there is printed, or written with -o. What went
-    is reported on the standard error. `simplify` makes only changes that cannot be noticed.
+    Nodes, terms and digits go if the tree keeps its fitness within a tolerance (--set
+    prune.tolerance=SHARE), and its tiers, behaviours and constraints, in the same worlds. The trees
+    on the way are then evaluated in fresh worlds; the shortest one that is as good there is
+    printed, or written with -o. What went is reported on the standard error. `simplify` makes only
+    changes that cannot be noticed.
     """
     check_other_file(file, output)
     task = tree_task(file, options)
     settings, vocabulary = task.settings, task.problem.domain.schema.vocabulary
-    limit = settings.prune.tolerance if tolerance is None else tolerance
     with task.trials(episodes) as trials:
         result = prune(
             task.tree,
@@ -228,7 +217,7 @@ def prune_command(
             trials,
             task.problem.run(task.stage),
             fresh_worlds(seed),
-            Keep(limit, settings.classes, settings.constraints),
+            Keep(settings.prune.tolerance, settings.classes, settings.constraints),
             episodes=episodes,
             most_worlds=settings.prune.worlds,
         )

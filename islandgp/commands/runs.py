@@ -6,7 +6,7 @@ import shlex
 import shutil
 import sys
 import webbrowser
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from time import monotonic, sleep
@@ -145,7 +145,7 @@ def delete_command(run: Path, yes: bool) -> None:
     folder = run.absolute()
     sweep = read_sweep(folder)
     runs = [RunFolder(folder)] if sweep is None else list(run_folders(folder))
-    keys: list[tuple[TrackingStore, str]] = []  # the MLflow runs, by store
+    stored: dict[TrackingStore, list[str]] = {}  # the keys of MLflow runs
     places = configured_stores()
     for each in runs:
         check_folder(each.path)
@@ -154,14 +154,12 @@ def delete_command(run: Path, yes: bool) -> None:
         if each.status() is Status.RUNNING:
             raise RunError(f"Expected a run that has ended, found one at work: {each.path}")
         if place := place_of(each, places):
-            keys.append((place, about.id))
-    used = list(dict.fromkeys(place for place, _ in keys))
-    keys += [(place, sweep.id) for place in used if sweep is not None]
+            stored.setdefault(place, [] if sweep is None else [sweep.id]).append(about.id)
     what = f"{len(runs)} run{'s' * (len(runs) != 1)} in {cleaned(str(run))}"
-    where = " and ".join(place.uri for place in used)
+    where = " and ".join(place.uri for place in stored)
     if not yes:
         click.confirm(f"Delete {what}{f', and in {where}' * bool(where)}?", abort=True)
-    _delete_stored(keys)
+    _delete_stored(stored)
     with usable(folder):
         shutil.rmtree(folder)
     if sweep is None and (whole := read_sweep(folder.parent)) is not None:
@@ -170,14 +168,13 @@ def delete_command(run: Path, yes: bool) -> None:
     click.echo(f"deleted {what}")
 
 
-def _delete_stored(keys: Sequence[tuple[TrackingStore, str]]) -> None:
+def _delete_stored(stored: Mapping[TrackingStore, Sequence[str]]) -> None:
     """Deletes the MLflow runs. Raises TrackingError if a store cannot be reached."""
     try:
-        for place in dict.fromkeys(place for place, _ in keys):
+        for place, keys in stored.items():
             store = Store(place)
-            for _, key in (each for each in keys if each[0] == place):
-                if found := store.find(key):
-                    store.client.delete_run(found.info.run_id)
+            for found in filter(None, map(store.find, keys)):
+                store.client.delete_run(found.info.run_id)
     except IslandError:
         raise
     except Exception as error:  # a store may fail in any way

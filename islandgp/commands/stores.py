@@ -83,13 +83,16 @@ def sync_command(folders: tuple[Path, ...], uri: str | None, experiment: str) ->
 def ui_command(uri: str | None, experiment: str, port: int) -> None:
     """Serve the MLflow pages and print the address of the runs page."""
     place = place_from(uri, experiment) if uri else configured_stores()[0]
-    click.echo(f"Starting the MLflow server for {place.uri}; it prints some lines ...", err=True)
+    if place.file is not None:
+        click.echo(f"Starting the MLflow server for {place.uri}; it prints lines ...", err=True)
     try:
         # The server runs in another session, so signals to this command do not reach it.
         with as_ctrl_c("SIGTERM", "SIGHUP"), served(place, port) as pages:
             of = f" of sweep {pages.sweep}" if pages.sweep else ""
             click.echo(f"charts{of}, a curve for each arm:  {pages.arms}")
             click.echo(f"all runs, in a table:  {pages.runs}")
+            if place.file is None:  # its server runs already
+                return
             click.echo("Only this machine reaches the server. Ctrl-C stops it.", err=True)
             threading.Event().wait()
     except KeyboardInterrupt:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import os
-import shutil
 import sys
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -38,6 +37,7 @@ from islandgp.commands.files import (
 )
 from islandgp.commands.options import DomainOptions, with_output_option, with_vocabulary_options
 from islandgp.commands.setting import default_domain, read_in_domain, vocabulary_of
+from islandgp.commands.tables import print_table, standard_output
 from islandgp.errors import ConfigError, IslandError, TreeError
 from islandgp.resources import resource
 from islandgp.text import in_its_domain
@@ -95,9 +95,7 @@ def show_command(file: str, output: str) -> None:
         )
     tree = read_tree_text(file).tree()
     if output == STDIN:
-        from rich.console import Console
-
-        Console(soft_wrap=True, highlight=False).print(to_rich(tree))
+        standard_output().print(to_rich(tree))
         return
     write_text(output, to_svg(tree) if ending == ".svg" else f"{to_rich(tree)}\n")
 
@@ -297,9 +295,7 @@ def examples_command(name: str | None) -> None:
     files = {file.stem: file for file in sorted(resource("grammar").glob("examples/*.bt"))}
     texts = {name: file.read_text(encoding="utf-8") for name, file in files.items()}
     if name is None:
-        formatter = click.HelpFormatter(width=shutil.get_terminal_size().columns)
-        formatter.write_dl([(name, _about(text)) for name, text in texts.items()])
-        click.echo(formatter.getvalue())
+        print_table(standard_output(), [("tree", [*texts]), ("", [*map(_about, texts.values())])])
         click.echo("islandgp examples NAME prints one.", err=True)
         return
     if name.removesuffix(".bt") not in texts:

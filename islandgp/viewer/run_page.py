@@ -48,8 +48,6 @@ class RunView:
     about: RunMetadata
     status: Status
     config: Mapping[str, Any]
-    history: RunRecords
-    champion: Mapping[str, Any] | None  # an individual's record
     summary: Mapping[str, Any] | None  # of a finished run
 
 
@@ -79,13 +77,13 @@ def run_page(
         summary = folder.summary()
         champion = {**summary["champion"]["record"], "tree": summary["champion"]["tree"]}
     about = folder.about() or RunMetadata("", folder.path.name, "/", "", 0, {})
-    view = RunView(folder, about, status, folder.configuration(), history, champion, summary)
+    view = RunView(folder, about, status, folder.configuration(), summary)
     data = {
         "status": status.value,
         "updated": now,
         "reload": RELOAD,
         "curves": thinned(history),
-        "archive": archive_map(view),
+        "archive": archive_map(view) if history.generations else None,
         "front": [] if summary is None else summary["champion"]["front"],
     }
     return filled(
@@ -109,10 +107,8 @@ def run_page(
 TREE_BYTES: Final = 500_000  # most bytes of embedded trees of the archive, the best first
 
 
-def archive_map(view: RunView) -> dict[str, Any] | None:
-    """The map of the archive; None before the first generation."""
-    if not view.history.generations:
-        return None
+def archive_map(view: RunView) -> dict[str, Any]:
+    """The map of the archive, after the first generation."""
     settings = ArchiveSettings.model_validate(view.config["archive"])
     axes = settings.axes(Classes.model_validate(view.config["classes"]))
     cells = _elites(view)
