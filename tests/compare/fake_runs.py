@@ -8,7 +8,7 @@ from dataclasses import asdict, replace
 from functools import cache
 from itertools import count
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, mkdtemp
 from typing import Any, Final
 
 from islandgp.compare.arms import Arm, Run, parse_selection
@@ -137,7 +137,9 @@ def fake_run(
         )
         for g, fitness in enumerate(curve)
     )
-    place = folder or Path(FOLDER.name, str(next(_numbers)), path or f"{supervisor}-seed{seed}")
+    # A name of its own, as the processes of `tests.mutants` have one folder and equal numbers.
+    new = mkdtemp(prefix=f"{next(_numbers):06}-", dir=FOLDER.name) if folder is None else ""
+    place = folder or Path(new, path or f"{supervisor}-seed{seed}")
     return written(place, records, config(supervisor, seed, **changes))
 
 
