@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Final
 from islandgp.compare.arms import Arm, Run, in_short
 from islandgp.compare.measures import measured, read_runs
 from islandgp.errors import StudyError
+from islandgp.gp.plan import is_read
 from islandgp.plain import flatten
 from islandgp.records.parameters import TASK, runtime_keys, short_key
 from islandgp.scoring.classes import Classes
@@ -301,11 +302,7 @@ def _may_differ(key: str, keys_by_arm: Sequence[frozenset[str]]) -> bool:
         return True  # the keys depend on the search
     if _group(key) in REPLACEABLE_GROUPS:
         return all(_group(key) in map(_group, keys) for keys in keys_by_arm)
-    return all(any(_contains(key, k) or _contains(k, key) for k in keys) for keys in keys_by_arm)
-
-
-def _contains(whole: str, key: str) -> bool:
-    return f"{key}.".startswith(f"{whole}.")
+    return all(is_read(key, keys) for keys in keys_by_arm)
 
 
 def _group(key: str) -> str:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from math import isnan, nan
+from math import isnan
 from typing import TYPE_CHECKING, Final
 
 import numpy as np
@@ -53,11 +53,11 @@ def interval(i: Interval, digits: int = 0, sign: str = "") -> str:
     return f"{number(i.estimate, digits, sign)} [{ends}]"
 
 
-def percent(share: float, sign: str = "") -> str:
+def percent(share: float) -> str:
     """A share in percent; a dash for nan."""
     if isnan(share):
         return NONE
-    return f"{share:{sign}.1%}".replace("-", MINUS).replace("%", " %")
+    return f"{share:.1%}".replace("%", " %")
 
 
 def probability(p: float) -> str:
@@ -117,9 +117,6 @@ def estimate(row: Row) -> str:
 def _difference(row: Row, planned: bool) -> Mapping[str, str]:
     digits = DIGITS[row["unit"]]
     p, q, test = decisive(row)
-    a, b = row["mean_first"], row["mean_second"]
-    is_meaningful = a >= 0 and b > 0 and not b < row["sd_second"]
-    change = (a - b) / b if is_meaningful else nan
     cells = {"Measure": row["label"] + " (primary)" * planned}
     for side in ("first", "second"):
         censored, n = row[f"censored_{side}"], row[f"n_{side}"]
@@ -130,7 +127,6 @@ def _difference(row: Row, planned: bool) -> Mapping[str, str]:
         **cells,
         "unit": row["unit"],
         "difference [95 %]": estimate(row),
-        "in percent": percent(change, "+"),
         "P(first higher)": number(row["U"] / row["n_first"] / row["n_second"], 2),
         "test": test,
         "p": probability(p),

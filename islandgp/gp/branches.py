@@ -13,7 +13,6 @@ from functools import wraps
 from math import exp, floor, log10
 from typing import Any, Final
 
-from islandgp.bt.analysis.simplify import simplify
 from islandgp.bt.core.condition import (
     ConditionExpr,
     combine,
@@ -73,6 +72,7 @@ PREPARED: Final = 0.7
 """Probability that an action of a random branch follows one that it declares as `after`."""
 MAX_ACTIONS: Final = 3
 """Number of actions in a random branch from which on none is added."""
+MAX_TERMS: Final = 3  # of a condition to which none is added
 FINE: Final = 200  # tuned thresholds are multiples of about range / FINE
 TUNE_ALL: Final = 0.3  # probability that `tune` changes all numbers of a tree, not only one
 
@@ -195,7 +195,7 @@ def condition(rng: Rng, node: Node, space: TreeSpace, _: object) -> Node:
         others = [abort for abort in ABORTS if abort != args.abort]
         return node._replace(args=args._replace(abort=others[rng.integers(len(others))]))
     new: ConditionExpr | None = random_term(rng, space)
-    if draw < 0.5 and len(parts) < space.settings.conditions.terms:
+    if draw < 0.5 and len(parts) < MAX_TERMS:
         operator = "or" if rng.random() < 0.3 else "and"
         assert new is not None
         new = combine(operator, [parts[at], new])
@@ -220,11 +220,6 @@ def fulfil(rng: Rng, leaf: Node, space: TreeSpace, _: object) -> Node:  # noqa: 
     These are `to_start` and `to_succeed` of the vocabulary, which `check` uses, too.
     """
     return guarded(combine("and", _declared(leaf, space)), leaf, "none")
-
-
-def shrink(rng: Rng, tree: Node, space: TreeSpace, _: object) -> Node:  # noqa: ARG001 -- every mutation's form
-    """Removes the parts that `simplify` proves to have no effect."""
-    return simplify(tree, space.vocabulary).tree
 
 
 def tune(rng: Rng, tree: Node, space: TreeSpace, mutation: Any) -> Node:

@@ -13,7 +13,7 @@ from pydantic import AfterValidator, BaseModel, Field
 
 from islandgp.bt.analysis.conflicts import without_conflicts
 from islandgp.bt.core.arithmetic import Formula, Named, Operation
-from islandgp.bt.core.condition import FLAG_OPERATORS, OPERATORS, Condition, ConditionExpr, combine
+from islandgp.bt.core.condition import FLAG_OPERATORS, OPERATORS, Condition
 from islandgp.bt.core.kind import Argument, Sort
 from islandgp.bt.core.kinds import ABORTS, KEYWORDS, KINDS
 from islandgp.bt.core.node import Args, GuardArgs, Limits, Node, SetArgs, Value, within
@@ -50,27 +50,18 @@ def weights_of(names: Iterable[str], load: Callable[[str], object] | None = None
     return AfterValidator(checked)
 
 
-class ConditionSettings(BaseModel, frozen=True, extra="forbid"):
-    """Settings of random conditions; by default they have a single key, as in the paper."""
-
-    joined: float = Field(default=0, ge=0, le=1)  # probability of several terms
-    terms: int = Field(default=3, ge=2, le=8)  # most terms joined by `and` and `or`
-    pairs: float = Field(default=0, ge=0, le=1)  # probability of a comparison of two keys
-
-
 class TreeSettings(BaseModel, frozen=True, extra="forbid"):
     """Settings of random trees."""
 
-    depth: Annotated[tuple[Annotated[int, Field(ge=2)], int], RISING]
+    depth: Annotated[tuple[Annotated[int, Field(ge=2)], Annotated[int, Field(le=50)]], RISING]
     """Range of the target depth, in levels."""
     leaf: float = Field(ge=0, le=1)  # probability of an action above the last level
-    children: Annotated[tuple[Annotated[int, Field(ge=1)], int], RISING]
+    children: Annotated[tuple[Annotated[int, Field(ge=1)], Annotated[int, Field(le=1000)]], RISING]
     """Least and most children of a composite."""
     repeats: int = Field(ge=1, le=100)  # most repetitions
     kinds: Annotated[dict[str, float], weights_of(KEYWORDS)]  # of each kind but an action
     operators: Annotated[dict[str, float], weights_of(OPERATORS)]  # of comparisons with a number
     aborts: Annotated[dict[str, float], weights_of(ABORTS)]  # of each abort rule
-    conditions: ConditionSettings = ConditionSettings()
 
     def faults(self, vocabulary: Vocabulary) -> Iterator[str]:
         """A line if there should be `set`s in a domain without keys that trees write."""
@@ -219,10 +210,6 @@ def _drawn(rng: Rng, argument: Argument, space: TreeSpace) -> float | str:
 
 
 def _random_guard(rng: Rng, space: TreeSpace) -> GuardArgs:
-    settings = space.settings.conditions
-    if settings.joined and rng.random() < settings.joined:
-        condition = _random_joined(rng, space, int(rng.integers(2, settings.terms + 1)))
-        return GuardArgs(condition, random_abort(rng, space))
     name = space.keys[rng.integers(len(space.keys))]
     abort = random_abort(rng, space)
     return GuardArgs(_about(rng, name, space), abort)
@@ -231,14 +218,6 @@ def _random_guard(rng: Rng, space: TreeSpace) -> GuardArgs:
 def random_abort(rng: Rng, space: TreeSpace) -> str:
     """An abort rule, by the weights of the settings."""
     return weighted(rng, space.settings.aborts)
-
-
-def _random_joined(rng: Rng, space: TreeSpace, terms: int) -> ConditionExpr:
-    if terms == 1:
-        return random_term(rng, space)
-    n_first = int(rng.integers(1, terms))
-    operator = ("and", "or")[rng.integers(2)]
-    return combine(operator, [_random_joined(rng, space, n) for n in (n_first, terms - n_first)])
 
 
 def random_term(rng: Rng, space: TreeSpace) -> Condition:
@@ -250,10 +229,6 @@ def _about(rng: Rng, name: str, space: TreeSpace) -> Condition:
     key = space.vocabulary.keys[name]
     if key.flag:
         return Condition(name, FLAG_OPERATORS[rng.integers(len(FLAG_OPERATORS))], 0.0)
-    pairs = space.settings.conditions.pairs
-    if pairs and rng.random() < pairs and (others := space.vocabulary.comparable(name)):
-        op = key.operators[rng.integers(len(key.operators))]
-        return Condition(name, op, 0.0, others[rng.integers(len(others))])
     if key.words:
         op = key.operators[rng.integers(len(key.operators))]
         return Condition(name, op, key.number_of(key.words[rng.integers(len(key.words))]))
@@ -320,20 +295,7 @@ def check_growth(
     Trees that exceed the limits are rejected after their creation, so large ones cost time.
     `where` is the configuration path of the settings with this `subtree_depth`.
     """
-    max_depth = trees.depth[1]
-    if max_depth > 1000:
-        raise ValueError(f"gp.trees.depth: expected at most 1000 levels, found {max_depth}")
-    if subtree_depth > limits.max_depth:
-        raise ValueError(
-            f"{where}.subtree_depth: expected at most gp.max_depth={limits.max_depth},"
-            f" found {subtree_depth}"
-        )
-    if trees.children[1] > limits.max_nodes:
-        raise ValueError(
-            f"gp.trees.children: expected at most gp.max_nodes={limits.max_nodes} children,"
-            f" found {trees.children[1]}"
-        )
-    depths = [min(depth, limits.max_depth) for depth in range(trees.depth[0], max_depth + 1)]
+    depths = [min(depth, limits.max_depth) for depth in range(trees.depth[0], trees.depth[1] + 1)]
     for key, value in (
         ("gp.trees.depth", sum(expected_nodes(trees, depth) for depth in depths) / len(depths)),
         (f"{where}.subtree_depth", expected_nodes(trees, subtree_depth)),

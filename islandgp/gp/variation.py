@@ -12,7 +12,7 @@ from typing import Annotated, Final
 
 from pydantic import BaseModel, Field
 
-from islandgp.bt.core.condition import Condition, ConditionExpr, combine, terms, with_term
+from islandgp.bt.core.condition import Condition, ConditionExpr, terms, with_term
 from islandgp.bt.core.kinds import KINDS, REPEATS
 from islandgp.bt.core.node import (
     ActionArgs,
@@ -129,9 +129,7 @@ def _parameter(rng: Rng, old: Node, space: TreeSpace, settings: MutationSettings
         args = CountArgs(float(min(most, max(least, moved))))
     elif isinstance(old.args, GuardArgs):
         condition = old.args.condition
-        if not isinstance(condition, Condition) or (
-            space.settings.conditions.joined and rng.random() < space.settings.conditions.joined
-        ):
+        if not isinstance(condition, Condition):
             args = old.args._replace(condition=_rejoined(rng, condition, nudge, space))
         elif space.vocabulary.has_number(condition) and rng.random() < 0.5:
             args = old.args._replace(condition=_nudged(condition, space, nudge))
@@ -162,12 +160,9 @@ def _nudged(expr: Condition, space: TreeSpace, nudge: float) -> Condition:
 
 
 def _rejoined(rng: Rng, expr: ConditionExpr, nudge: float, space: TreeSpace) -> ConditionExpr:
-    """A condition with a part added, removed or changed."""
-    parts, settings = list(terms(expr)), space.settings.conditions
+    """A joined condition with a part removed or changed."""
+    parts = list(terms(expr))
     at = int(rng.integers(len(parts)))
-    if settings.joined and len(parts) < settings.terms and rng.random() < 0.5:
-        new = combine(("and", "or")[rng.integers(2)], [parts[at], random_term(rng, space)])
-        return with_term(expr, at, new) or expr
     if rng.random() < 0.5:
         return with_term(expr, at, None) or random_term(rng, space)
     if space.vocabulary.has_number(parts[at]) and rng.random() < 0.5:
@@ -218,7 +213,6 @@ MUTATIONS: Final[dict[str, branches.Mutation]] = {
     "extend": branches.extend,
     "condition": branches.condition,
     "fulfil": branches.fulfil,
-    "shrink": branches.shrink,
     "tune": branches.tune,
 }
 
@@ -230,7 +224,7 @@ class MutationSettings(BaseModel, frozen=True, extra="forbid"):
         dict[str, float], weights_of(MUTATIONS, lambda name: function(name, MUTATIONS))
     ]
     """Weight of each of MUTATIONS, or of a "module:function"."""
-    subtree_depth: int = Field(ge=1)  # most levels of a new subtree
+    subtree_depth: int = Field(ge=1, le=50)  # most levels of a new subtree
     number_sd: float = Field(gt=0, le=1)  # sd of a number's change, as a share of its key's range
 
 

@@ -12,14 +12,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from typing import Annotated, Final
 
-from pydantic import (
-    BaseModel,
-    Field,
-    FiniteFloat,
-    StringConstraints,
-    field_validator,
-    model_validator,
-)
+from pydantic import BaseModel, Field, FiniteFloat, StringConstraints, model_validator
 
 from islandgp.domain import Outcome, Schema
 from islandgp.domain.rewards import unknown
@@ -52,7 +45,6 @@ class Tier(BaseModel, frozen=True, extra="forbid"):
     above: dict[str, FiniteFloat] = Field(default_factory=dict)  # lower bounds, exclusive
     at_most: dict[str, FiniteFloat] = Field(default_factory=dict)  # upper bounds, inclusive
     also: Name | None = None  # another tier that is required
-    better_than: Name | None = None  # the next lower tier; None: by the order of the table
 
     @model_validator(mode="after")
     def _can_be_reached(self) -> Tier:
@@ -85,25 +77,6 @@ class Classes(BaseModel, frozen=True, extra="forbid"):
     hardest: tuple[Name, ...] = ()
     """Behaviours, the hardest to find first; rule-based supervisors use this order to break ties.
     Behaviours that are not listed follow in reverse order."""
-
-    @field_validator("tiers")
-    @classmethod
-    def _best_first(cls, tiers: dict[str, Tier]) -> dict[str, Tier]:
-        """The tiers, best first; one with `better_than` is right before the tier that it names."""
-        order = [name for name, tier in tiers.items() if tier.better_than is None]
-        waiting = {name: tier.better_than for name, tier in tiers.items() if tier.better_than}
-        for name, other in waiting.items():
-            for line in unknown(f"{name}.better_than", other, tiers):
-                raise ValueError(line)
-        while ready := [name for name, other in waiting.items() if other in order]:
-            for name in ready:
-                order.insert(order.index(waiting.pop(name)), name)
-        for name, other in waiting.items():
-            raise ValueError(
-                f"{name}.better_than: expected no cycle, found {other}, which is better than it;"
-                " leave out one of the two"
-            )
-        return {name: tiers[name] for name in order}
 
     @model_validator(mode="after")
     def _fits_together(self) -> Classes:

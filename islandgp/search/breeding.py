@@ -5,7 +5,7 @@ from __future__ import annotations
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Final, Generic, Protocol, Self, TypeVar
+from typing import Annotated, Any, ClassVar, Final, Generic, Self, TypeVar
 
 from pydantic import BaseModel, Field, model_validator
 
@@ -146,18 +146,13 @@ class Slots(NewSlots, frozen=True, extra="forbid"):
         return self
 
 
-def nothing_proposed(_rng: Rng) -> Proposal | None:
-    """None, for searches whose new trees are all children or random trees."""
-    return None
-
-
 @dataclass(frozen=True, slots=True)
 class GenerationPlan:
     """The trees of a generation, except for a supervisor's."""
 
     pick: Pick | None = None  # draws the parents of children; None: random trees, no children
-    propose: Callable[[Rng], Proposal | None] = nothing_proposed
-    """Makes a new tree in another way; None: it is a child or a random tree."""
+    propose: Callable[[Rng], Proposal | None] | None = None
+    """Makes a new tree in another way; without it, or if it returns None: a child or random."""
     reevaluated: Sequence[Parent] = ()  # evaluated again, the most important first
     initial_trees: Sequence[Node] = ()  # evaluated unchanged, such as the founders of generation 0
     known_digests: Iterable[str] = ()  # of evaluated trees, which new trees should not repeat
@@ -226,21 +221,12 @@ def _proposed(
     rng: Rng, contents: GenerationPlan, space: TreeSpace, settings: RandomTrees
 ) -> Proposal:
     """A proposed tree, a child of the parents that `contents.pick` draws, or a random tree."""
-    if (proposal := contents.propose(rng)) is not None:
+    if contents.propose is not None and (proposal := contents.propose(rng)) is not None:
         return proposal
     if contents.pick is None:
         return Proposal(new_tree(rng, space, settings), Origin.RANDOM)
     assert isinstance(settings, Breeding)
     return new_child(rng, *contents.pick(rng), space, settings)
-
-
-class HasBreeding(Protocol):
-    """Settings of a search that makes new trees."""
-
-    @property
-    def breeding(self) -> RandomTrees:
-        """The settings of new trees: a Breeding for children."""
-        ...
 
 
 def evidence_by_digest(
@@ -275,7 +261,7 @@ class BreedingSettings(BaseModel, frozen=True, extra="forbid"):
         return ("gp.trees",)
 
 
-S = TypeVar("S", bound=HasBreeding)
+S = TypeVar("S", bound=Any)
 
 
 @dataclass(frozen=True, slots=True)

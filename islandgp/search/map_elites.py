@@ -29,7 +29,7 @@ from islandgp.search.breeding import (
     Slots,
     evidence_by_digest,
 )
-from islandgp.search.descriptor import DescriptorSettings, cell, dimensions, point
+from islandgp.search.descriptor import DescriptorSettings, cell, point
 
 FITNESS: Final = " fitness"  # among the means of a tree, beside counters with a constraint
 
@@ -58,8 +58,8 @@ class MapElites(BreedingSearch[MapElitesSettings]):
 
     def __init__(self, settings: MapElitesSettings, plan: Plan) -> None:
         super().__init__(settings, plan)
-        self.dimensions = dimensions(settings.descriptor, plan.classes)
-        self.axes = [f" axis {k}" for k in range(len(self.dimensions))]  # among the means
+        self.counters = settings.counters(plan.classes)
+        self.axes = [f" axis {k}" for k in range(len(self.counters))]  # among the means
 
     def plan_next(self, state: SearchState) -> GenerationPlan:
         """See `BreedingSearch`."""
@@ -92,7 +92,7 @@ class MapElites(BreedingSearch[MapElitesSettings]):
 
     def _values(self, e: Evaluated) -> dict[str, float]:
         """The values of an evaluation whose means decide."""
-        place = zip(self.axes, point(self.dimensions, e.outcome), strict=True)
+        place = zip(self.axes, point(self.counters, e.outcome), strict=True)
         limits = limited(e.outcome.counters, self.plan.constraints)
         return {FITNESS: e.fitness, **dict(place), **limits}
 

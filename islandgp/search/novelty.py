@@ -26,7 +26,7 @@ from islandgp.search.breeding import (
     parent_of,
     pick_by_rank,
 )
-from islandgp.search.descriptor import DescriptorSettings, dimensions, point
+from islandgp.search.descriptor import DescriptorSettings, point
 
 Places = tuple[tuple[float, ...], ...]
 
@@ -58,7 +58,7 @@ class Novelty(BreedingSearch[NoveltySettings]):
 
     def __init__(self, settings: NoveltySettings, plan: Plan) -> None:
         super().__init__(settings, plan)
-        self.dimensions = dimensions(settings.descriptor, plan.classes)
+        self.counters = settings.counters(plan.classes)
 
     def plan_next(self, state: SearchState) -> GenerationPlan:
         """See `BreedingSearch`."""
@@ -70,7 +70,7 @@ class Novelty(BreedingSearch[NoveltySettings]):
     def update(self, state: SearchState, evaluated: Sequence[Evaluated]) -> Explored:
         """See `BreedingSearch`."""
         archive: Places = () if state.memory is None else state.memory.archive
-        places = tuple(point(self.dimensions, e.outcome) for e in evaluated)
+        places = tuple(point(self.counters, e.outcome) for e in evaluated)
         new = novelty(places, archive, self.settings.neighbours)
         order = sorted(range(len(places)), key=lambda k: -new[k])
         able = sorted(order, key=lambda k: evaluated[k].violation)

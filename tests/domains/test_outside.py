@@ -106,14 +106,13 @@ def test_another_reward_is_put_on_top_of_the_domains_file(
     assert rewards["events"]["placed"] == {"component": "progress", "base": 200}
 
 
-def test_an_added_tier_has_its_place(example: Path) -> None:
-    """`better_than` names the tier that comes next; without it a new tier is the last."""
+def test_an_added_tier_is_the_last(example: Path) -> None:
+    """Of a file of the group `classes`."""
     (example / "conf/classes").mkdir()
     file = example / "conf/classes/own.yaml"
-    for place, order in ((", better_than: placed_one", [0, 2, 1]), ("", [0, 1, 2])):
-        file.write_text(f"tiers: {{two: {{at_least: {{placed: 2}}{place}}}}}", encoding="utf-8")
-        tiers = [*only_job(["domain=pick_place", "+classes=own"], "conf").settings.classes.tiers]
-        assert tiers == [["finished", "placed_one", "two"][k] for k in order]
+    file.write_text("tiers: {two: {at_least: {placed: 2}}}", encoding="utf-8")
+    tiers = [*only_job(["domain=pick_place", "+classes=own"], "conf").settings.classes.tiers]
+    assert tiers == ["finished", "placed_one", "two"]
 
 
 @pytest.mark.usefixtures("example")

@@ -9,10 +9,9 @@ from math import floor, log10, pi
 
 import numpy as np
 import pytest
-from hypothesis import HealthCheck, assume, given
+from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from islandgp.bt.analysis.simplify import simplify
 from islandgp.bt.core.condition import combine, terms
 from islandgp.bt.core.kinds import ABORTS
 from islandgp.bt.core.language import parse, to_text
@@ -37,12 +36,12 @@ from islandgp.gp.variation import MUTATIONS, MutationSettings, mutate
 from tests.composed import composed
 from tests.profiles import cases, examples
 from tests.strategies import few_boards, nodes
-from tests.trees.test_simplify import BOARDS, RESULTS, trace
+from tests.trees.test_simplify import trace
 
 LIMITS = Limits(max_depth=8, max_nodes=50)
 TREES = nodes(max_leaves=14)
 SEEDS = st.integers(0, 2**32 - 1)
-NEW = ("guard", "wrap", "extend", "condition", "fulfil", "shrink", "tune")
+NEW = ("guard", "wrap", "extend", "condition", "fulfil", "tune")
 SPACE = TreeSpace(composed().gp.trees, VOCABULARY, LIMITS)
 SETTINGS = composed().gp.mutation
 
@@ -180,16 +179,15 @@ def test_condition_changes_one_guard(tree: Node, seed: int) -> None:
 
 
 def test_condition_joins_no_more_terms_than_there_may_be() -> None:
-    """`gp.trees.conditions.terms` bounds what grows."""
+    """Three at most, of what grows."""
     tree = parse("when foundGarbage { PatrolWaypoint }")
-    most = SPACE.settings.conditions.terms
     counts = set()
     for seed in range(400):
         tree = changed("condition", tree, seed)
         if tree.kind != "when":
             tree = parse("when foundGarbage { PatrolWaypoint }")
         counts.add(len(list(terms(guard_of(tree).condition))))
-    assert counts == set(range(1, most + 1))
+    assert counts == {1, 2, 3}
 
 
 @examples(max_examples=150)
@@ -231,18 +229,6 @@ def test_fulfil_by_hand(action: str, guard: str) -> None:
     """The declarations of the island, as guards."""
     expected = parse(f"when {guard} abort none {{ {action} }}")
     assert changed("fulfil", parse(action), 0) == expected
-
-
-@examples(max_examples=150, suppress_health_check=[HealthCheck.too_slow])
-@given(tree=TREES, seed=SEEDS, boards=BOARDS, results=RESULTS)
-def test_shrink_changes_nothing_that_is_done(
-    tree: Node, seed: int, boards: list[list[float]], results: list[int]
-) -> None:
-    """The same actions are called and aborted; the tree is not larger, and cannot shrink again."""
-    new = changed("shrink", tree, seed)
-    assert size(new) <= size(tree)
-    assert trace(new, boards, results) == trace(tree, boards, results)
-    assert changed("shrink", new, seed) == new == simplify(tree, VOCABULARY).tree
 
 
 def shape(tree: Node) -> Node:

@@ -168,7 +168,7 @@ def test_a_user_s_search_from_the_command_line(project: Path) -> None:
     [
         (
             "map_elites",
-            "descriptor=[pickups,pickups/2]",
+            "descriptor=[pickups,pickups]",
             "each name once, found 'pickups' twice",
         ),
         ("novelty", "descriptor=[laps,laps]", "expected each name once, found 'laps' twice"),

@@ -77,12 +77,12 @@ def test_the_archive_is_bounded(most: int, added: int) -> None:
     if most and added:
         from islandgp.search.descriptor import point
 
-        last = {point(search.dimensions, e.outcome) for e in populations[-1]}
+        last = {point(search.counters, e.outcome) for e in populations[-1]}
         assert set(state.memory.archive[-added:]) <= last
 
 
 def test_scales() -> None:
-    """A descriptor may name other counters, with a width that is worth as much as a doubling."""
-    search, _ = search_and_plan("novelty", "search.policy.descriptor=[distance/100,pickups]")
-    state = search.tell(search.start(), [evaluated("0.0", distance=250, pickups=7)], NO_ADVICE)
-    assert np.allclose(state.memory.archive, [(2.5, 3.0)])
+    """A descriptor may name other counters; each doubling is worth as much."""
+    search, _ = search_and_plan("novelty", "search.policy.descriptor=[distance,pickups]")
+    state = search.tell(search.start(), [evaluated("0.0", distance=255, pickups=7)], NO_ADVICE)
+    assert np.allclose(state.memory.archive, [(8.0, 3.0)])

@@ -354,12 +354,12 @@ def example(path: Path) -> Node:
 def evolved(runs: int, generations: int = 12) -> list[Node]:
     """The different trees of the last generations of some runs.
 
-    Every second run may join conditions with `and`, `or`, `not`.
+    Every second run joins conditions with `and` and `or`.
     """
     texts: dict[str, None] = {}
     for seed in range(runs):
         overrides = ["supervisor=baseline", f"gp.generations={generations}"]
-        overrides += ["gp.trees.conditions.joined=0.3"] * (seed % 2)
+        overrides += ["+gp.mutation.operators.condition=4"] * (seed % 2)
         settings = composed(*overrides)
         supervisor = Baseline(BaselineSettings(**settings.supervisor.policy))
         for step in evolve(composed_plan(*overrides), seed, supervisor, Serial(settings.problem())):
