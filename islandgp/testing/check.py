@@ -26,7 +26,7 @@ import yaml
 
 from islandgp.bt.core.language import domain_of, parse
 from islandgp.bt.core.node import SUCCESS, Limits, Node, ParallelArgs, leaf, sequence
-from islandgp.domain import Domain, Observer, Outcome, SimulatorDomain, prepare
+from islandgp.domain import Domain, Observer, Outcome, prepare
 from islandgp.errors import IslandError, TimeLimitError
 from islandgp.gp.random_trees import TreeSettings, TreeSpace, random_tree
 from islandgp.plugin import raised_in
@@ -77,7 +77,7 @@ class Check:
         counted = {n for n in schema.counters if any(o.counters.get(n) for o in outcomes)}
         seen = counted.union(*(run.events | run.credited.keys() for run in runs))
         paid: Any = getattr(getattr(self.domain, "rewards", None), "events", {})
-        observable = schema.events if isinstance(self.domain, SimulatorDomain) else paid
+        observable = schema.events if hasattr(self.domain, "Episode") else paid
         done = {name for run in runs for name, status in run.statuses if status == SUCCESS}
         able = [n for n, a in schema.vocabulary.actions.items() if SUCCESS in a.statuses]
         ends = {n: {v for run in runs for v in run.ends.get(n, ())} for n in schema.vocabulary.keys}

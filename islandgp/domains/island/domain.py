@@ -3,11 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from copy import copy
 from dataclasses import replace
-from typing import TYPE_CHECKING, ClassVar, Final, Self
-
-from pydantic import BaseModel
+from typing import TYPE_CHECKING, Final
 
 from islandgp.domain import (
     Condition,
@@ -16,9 +13,8 @@ from islandgp.domain import (
     Outcome,
     RewardTable,
     Scene,
-    Schema,
-    SensorFaults,
     Shape,
+    SimulatorDomain,
     Vocabulary,
     wants_scenes,
 )
@@ -45,25 +41,17 @@ EARNED_BY: Final[Mapping[str, str]] = {
 GOAL_SIZE: Final = 1.5  # m, in pictures
 
 
-class Island:
-    """The island of section 2.2.2, in pymunk."""
+class Island(SimulatorDomain):
+    """The island of section 2.2.2, in pymunk; its episodes skip ticks that change nothing."""
 
-    World: ClassVar[type[BaseModel]] = settings.IslandWorld
-    Rewards: ClassVar[type[BaseModel]] = RewardTable
-    schema: ClassVar[Schema] = SCHEMA
-    faults: SensorFaults | None = None  # between the world and the blackboard
+    World = settings.IslandWorld
+    schema = SCHEMA
 
     def __init__(self, world: settings.IslandWorld, rewards: RewardTable) -> None:
         """Raises ConfigError if obstacles do not fit."""
+        super().__init__(world, rewards)
         obstacles(world)
-        self.world = world
-        self.rewards = rewards
         self.step_s = world.episode.step
-
-    @classmethod
-    def make(cls, world: settings.IslandWorld, rewards: RewardTable) -> Self:
-        """See `Domain`."""
-        return cls(world, rewards)
 
     @classmethod
     def vocabulary_in(cls, worlds: Sequence[settings.IslandWorld]) -> Vocabulary:
@@ -74,12 +62,6 @@ class Island:
         below = Condition("batteryLevel", "<", max(world.robot.charge_below for world in worlds))
         actions[charge] = replace(actions[charge], to_start=(below,))
         return replace(VOCABULARY, keys=keys, actions=actions)
-
-    def with_sensors(self, faults: SensorFaults) -> Self:
-        """See `Domain`."""
-        changed = copy(self)
-        changed.faults = faults
-        return changed
 
     def about(self, seed: int | None = None) -> str:  # noqa: ARG002 -- all seeds are alike in this
         """See `Domain`."""
