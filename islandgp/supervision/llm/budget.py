@@ -183,11 +183,6 @@ class SupervisedRuns:
     context: RunContext
     number: int = 1
 
-    @property
-    def times(self) -> int:
-        """Generations with questions; an answer after the last generation has no use."""
-        return self.context.generations - 1
-
 
 def costs(runs: Sequence[SupervisedRuns]) -> str:
     """A line on what all runs together are expected to cost, and on the most they can cost."""
@@ -220,6 +215,7 @@ def bills(runs: SupervisedRuns) -> tuple[Bill, Bill]:
     """
     settings, questions = runs.settings, Questions(runs.settings, runs.context)
     attempts, price = settings.retry.attempts, settings.price
+    times = runs.context.generations - 1  # an answer after the last generation has no use
     longer = MAX_QUOTED * settings.repairs + ADDED_MOST
     likely = np.array(Bill.of(1, Usage(), price))  # of the probe
     most = np.array(Bill.of(PROBES * attempts, Usage(), price))
@@ -227,7 +223,7 @@ def bills(runs: SupervisedRuns) -> tuple[Bill, Bill]:
         request = questions.request(part)
         characters = request.characters + ADDED[part] + ADDED_INFORMED[part] * questions.informed
         tokens = Usage(round(characters / settings.facts.characters), answer_tokens(settings))
-        likely += np.multiply(runs.times, Bill.of(1, tokens, price))
+        likely += np.multiply(times, Bill.of(1, tokens, price))
         bound = Bill.of(1, request.most_tokens(longer=longer), price)
-        most += np.multiply(runs.times * attempts * (1 + settings.repairs), bound)
+        most += np.multiply(times * attempts * (1 + settings.repairs), bound)
     return Bill(*likely), Bill(*np.minimum(most, limits(settings.caps)))

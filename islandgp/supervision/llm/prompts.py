@@ -164,10 +164,8 @@ def fixed_values(context: RunContext, library: Library) -> dict[str, Any]:
 
 
 def about(domain: Domain, seed: int | None = None) -> str:
-    """A domain's description of its world, in general or for a seed; "" if it has none."""
-    method = getattr(domain, "about", None)
-    general = "" if method is None else str(method())
-    if seed is None or method is None:
-        return general
-    text = str(method(seed))
-    return "" if text == general else text
+    """A domain's description of its world, or what a seed's world has besides; "" for none."""
+    method = getattr(domain, "about", lambda *_: "")
+    general = str(method())
+    own = general if seed is None else str(method(seed))
+    return "" if seed is not None and own == general else own
