@@ -13,7 +13,7 @@ from __future__ import annotations
 import json
 import re
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from itertools import zip_longest
@@ -40,7 +40,6 @@ from islandgp.supervision.llm.questions import Questions
 from islandgp.supervision.llm.settings import LLMSettings
 from islandgp.supervision.llm.transcript import Attempt, Call, Conclusion, Sent, Transcript
 
-REASON: Final = 600  # most characters of a fallback's reason in the record
 SLOTS: Final = {"probe": 0, "rate": 1, "tree": 2, "edits": 3}  # of Stream.NETWORK
 OPTIONAL: Final = {
     "temperature": r"temperature|sampling|top[_ ][pk]\b",
@@ -209,8 +208,8 @@ def ask_with_less(calls: Calls, call: Call, request: Request) -> tuple[Request, 
         request = request.without((named or sent)[:1])
 
 
-Answer = tuple[Guidance | None, dict[str, str]]
-"""The guidance for a part, None without a usable answer; and notes for the record."""
+Answer = tuple[Guidance | None, Conclusion]
+"""The guidance for a part, None without a usable answer; and how it came about."""
 
 
 def converse(
@@ -226,14 +225,12 @@ def converse(
         check: accepts or rejects an answer.
 
     Returns:
-        The guidance and notes; the conclusion is added to the transcript.
+        The guidance and the conclusion, which is added to the transcript.
     """
     rejected: list[RejectionStage] = []
-    prompts: list[str] = []
     guidance, source, reason, failed = None, "fallback", "", ""
     request = supported(request, calls.transcript, call.generation)
     for turn in range(1 + calls.settings.repairs):
-        prompts.append(request.prompt_digest)
         request, answer = ask_with_less(calls, replace(call, turn=turn), request)
         if isinstance(answer, Failure):
             reason, failed = f"{answer.kind}: {answer.message}", answer.kind.value
@@ -251,13 +248,5 @@ def converse(
             guidance, source, reason = accepted.guidance, ", ".join(filter(None, parts)), ""
             break
     end = Conclusion(call.generation, call.part, source, reason, tuple(rejected), failed)
-    return guidance, concluded(calls, end, prompts)
-
-
-def concluded(calls: Calls, end: Conclusion, prompts: Sequence[str] = ()) -> dict[str, str]:
-    """Adds a conclusion to the transcript; returns its notes, with the hashes of the prompts."""
     calls.transcript.add(end)
-    why = f": {end.why[:REASON]}" if end.why else ""
-    more = {"prompts": " ".join(prompts), "rejected": " ".join(end.rejected)}
-    notes = {f"{end.part}_{name}": text for name, text in more.items() if text}
-    return {end.part: end.source + why, **notes}
+    return guidance, end

@@ -90,11 +90,6 @@ class Request:
         return sha256_of(asdict(self))
 
     @property
-    def prompt_digest(self) -> str:
-        """SHA-256 of the rendered prompt alone, hexadecimal."""
-        return sha256_of([self.system, *self.turns])
-
-    @property
     def characters(self) -> int:
         """The length of the prompt."""
         return len(self.system) + sum(map(len, self.turns))

@@ -18,14 +18,7 @@ from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import GenerationView, Guidance, RunContext, Supervisor
 from islandgp.supervision.guidance import ask
 from islandgp.supervision.llm.answers import DecisionAnswer, ModelAnswer, schema
-from islandgp.supervision.llm.calls import (
-    Answer,
-    Calls,
-    ask_with_less,
-    concluded,
-    converse,
-    supported,
-)
+from islandgp.supervision.llm.calls import Answer, Calls, ask_with_less, converse, supported
 from islandgp.supervision.llm.client import client_of, model_file, sdk_client
 from islandgp.supervision.llm.message import (
     CHARGED,
@@ -106,8 +99,8 @@ class Adviser:
         missing = sum(advice is None for advice, _ in answers.values())
         backup = ask(self.fallback, state, rng) if missing else None
         values: dict[str, Any] = {"notes": {}, "episodes": sum(questions.episodes.values())}
-        for part, (advice, notes) in answers.items():
-            values["notes"] |= notes
+        for part, (advice, end) in answers.items():
+            values["notes"] |= end.notes
             if (advice := advice or (backup if part != "edits" else None)) is not None:
                 values |= {name: getattr(advice, name) for name in FIELDS[part]}
         source = "llm" if not missing else "llm and fallback" * (missing < len(answers))
@@ -120,7 +113,8 @@ class Adviser:
         if reason := self._given_up(generation, part):
             failed = reason.partition(":")[0]
             end = Conclusion(generation, part, "fallback", reason, (), failed)
-            return None, concluded(self.calls, end)
+            self.calls.transcript.add(end)
+            return None, end
         request, check = questions.request(part, state), questions.check(part, state)
         return converse(self.calls, questions, Call(generation, part, 0), request, check)
 

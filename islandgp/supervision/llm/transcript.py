@@ -24,6 +24,7 @@ from islandgp.supervision.llm.message import CHARGED, Failure, FailureKind, Repl
 E = TypeVar("E")
 
 NAME: Final = "transcript.jsonl"
+REASON: Final = 600  # most characters of a fallback's reason in the record
 MAX_SHOWN: Final = 500  # most characters of an answer in a description of all of them
 
 
@@ -101,6 +102,13 @@ class Conclusion:
     why: str  # reason of a fallback, else ""
     rejected: tuple[str, ...]  # stages of the validation that rejected an answer, in order
     failed: str = ""  # kind of the failure that ended it, else ""
+
+    @property
+    def notes(self) -> dict[str, str]:
+        """The entries of the guidance's record, by name."""
+        why = f": {self.why[:REASON]}" if self.why else ""
+        rejected = {f"{self.part}_rejected": " ".join(self.rejected)} if self.rejected else {}
+        return {self.part: self.source + why, **rejected}
 
 
 Entry = Start | Sent | Attempt | Conclusion

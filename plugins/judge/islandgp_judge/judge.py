@@ -267,8 +267,7 @@ class Judge:
         questions, request = self.question(arm, case, policy)
         check = questions.check("edits", case.state)
         call = Call(case.index, "edits", 0)
-        guidance, _ = converse(calls, questions, call, request, check)
-        end = next(p for p in calls.transcript.parts if p.generation == case.index)
+        guidance, end = converse(calls, questions, call, request, check)
         if guidance is None:
             source = end.failed or (end.rejected[-1] if end.rejected else "fallback")
             return self.worlds.result(arm, case, source, None)
@@ -335,7 +334,7 @@ def plan(judge: Judge, policy: LLMSettings | None) -> tuple[dict[str, Any], Bill
     asked, bill = {}, Bill(0, 0, 0, 0)
     if policy is not None:
         requests = [judge.question(a, c, policy)[1] for a in ASKED for c in judge.cases]
-        digests = [request.prompt_digest for request in requests]
+        digests = [sha256_of([request.system, *request.turns]) for request in requests]
         asked = {"model": policy.model_name, "prompts": sha256_of(digests)}
         characters = sum(len(r.system) + sum(map(len, r.turns)) for r in requests)
         output = len(requests) * answer_tokens(policy)
