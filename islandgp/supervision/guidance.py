@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
-from typing import Annotated, Final
+from dataclasses import dataclass, replace
+from typing import Annotated, Any, Final
 
 import numpy as np
 from pydantic import FiniteFloat, Strict, TypeAdapter, ValidationError
@@ -24,13 +24,7 @@ from islandgp.plugin import path_of, plugin_errors
 from islandgp.scoring.state import PopulationState
 from islandgp.search.base import Search
 from islandgp.seeding import Stream, stream
-from islandgp.supervision.base import (
-    GenerationListener,
-    GenerationView,
-    Guidance,
-    Supervisor,
-    SupervisorLifecycle,
-)
+from islandgp.supervision.base import GenerationView, Guidance, Supervisor, SupervisorLifecycle
 
 MAX_EDITS: Final = 100  # edits of a guidance that are checked; further ones are left out
 RECORDED: Final = (
@@ -96,29 +90,22 @@ def _wrong(method: str, expected: str, found: str | ValidationError) -> Supervis
     return SupervisionError(f"Expected {method} to return {expected}, found {found}; correct it.")
 
 
+@dataclass
 class SupervisorCalls:
     """Calls the methods of a supervisor that it has; its exceptions become errors that name it."""
 
-    def __init__(
-        self, supervisor: Supervisor, *, seed: int, vocabulary: Vocabulary | None = None
-    ) -> None:
-        """Asks nothing yet.
+    supervisor: Supervisor
+    seed: int  # of the run, for the supervisor's random stream
+    vocabulary: Vocabulary | None = None  # of the domain, as for `ask`
 
-        Args:
-            supervisor: the supervisor.
-            seed: of the run, for the supervisor's random stream.
-            vocabulary: of the domain, as for `ask`.
-        """
-        self.supervisor, self.vocabulary, self.seed = supervisor, vocabulary, seed
-        self._listener = supervisor if isinstance(supervisor, GenerationListener) else None
-        self._lifecycle = supervisor if isinstance(supervisor, SupervisorLifecycle) else None
-        self._path = path_of(type(supervisor))
+    def _call(self, method: str, *arguments: object) -> Any:
+        """The result of a method that not every supervisor has; None without it."""
+        with plugin_errors(path_of(type(self.supervisor))):
+            return getattr(self.supervisor, method, lambda *_: None)(*arguments)
 
     def recall(self, view: GenerationView) -> None:
         """Passes a generation, as recorded, to the supervisor."""
-        if self._listener is not None:
-            with plugin_errors(self._path):
-                self._listener.on_generation(view)
+        self._call("on_generation", view)
 
     def ask(self, state: PopulationState, view: GenerationView) -> Guidance:
         """The guidance for a generation's state; `view` is the generation as recorded."""
@@ -132,21 +119,17 @@ class SupervisorCalls:
         Raises:
             SupervisionError: they are not finite numbers by name.
         """
-        if self._lifecycle is None:
+        if not isinstance(self.supervisor, SupervisorLifecycle):
             return {}
-        with plugin_errors(self._path):
-            costs = self._lifecycle.spent()
         try:
-            COSTS.validate_python(costs)
+            return COSTS.validate_python(self._call("spent"))
         except ValidationError as error:
-            raise _wrong(f"{self._path}.spent", "finite numbers by name", error) from None
-        return costs
+            method = f"{path_of(type(self.supervisor))}.spent"
+            raise _wrong(method, "finite numbers by name", error) from None
 
     def close(self) -> None:
         """Closes the supervisor."""
-        if self._lifecycle is not None:
-            with plugin_errors(self._path):
-                self._lifecycle.close()
+        self._call("close")
 
 
 def nameable(individuals: Sequence[IndividualRecord], archive: Sequence[Elite]) -> dict[str, str]:

@@ -14,7 +14,7 @@ import json
 import re
 import time
 from collections.abc import Callable
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from itertools import zip_longest
 from typing import Final
@@ -49,30 +49,21 @@ OPTIONAL: Final = {
 """Parameters of requests that a server may reject, with patterns of their names in its errors."""
 
 
+@dataclass
 class Calls:
     """Answers calls by a client, within the caps, or from the transcript."""
 
-    def __init__(
-        self,
-        client: Client | None,
-        transcript: Transcript,
-        settings: LLMSettings,
-        *,
-        seed: int,
-        sleep: Callable[[float], None] = time.sleep,
-    ) -> None:
-        """Sends nothing yet.
+    client: Client | None
+    """Makes the attempts. None: the transcript is fixed and has all answers."""
+    transcript: Transcript  # of the run; once it is fixed, nothing is sent any more
+    settings: LLMSettings  # of the model: caps, attempts, waiting times and turns with other runs
+    seed: int  # of the run, for the jitter of waiting times
+    sleep: Callable[[float], None] = time.sleep
 
-        Args:
-            client: makes the attempts; None: the transcript is fixed and has all answers.
-            transcript: of the run. Once it is fixed, nothing is sent any more.
-            settings: of the model: caps, attempts, waiting times and turns with other runs.
-            seed: of the run, for the jitter of waiting times.
-            sleep: replaces time.sleep in tests.
-        """
-        self.client, self.transcript, self.settings = client, transcript, settings
-        self.seed, self.sleep = seed, sleep
-        self.ledger = Ledger(transcript, settings)
+    @property
+    def ledger(self) -> Ledger:
+        """The costs of the run."""
+        return Ledger(self.transcript, self.settings)
 
     def ask(self, call: Call, request: Request) -> Reply | Failure:
         """The answer to a call after all attempts.
