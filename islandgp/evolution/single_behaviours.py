@@ -41,28 +41,24 @@ def single_behaviours(
     space: TreeSpace,
     mutation: MutationSettings,
     evaluator: Evaluator,
-    stage: int,
+    stages: Sequence[int],
     *,
-    behaviours: Sequence[str] | None = None,
-    further: Sequence[Node] = (),
     most: float = inf,
-) -> Iterator[tuple[str, Node | None, int]]:
-    """Searches a compact tree for each behaviour.
+) -> Iterator[tuple[int, str, Node | None, int]]:
+    """Searches a compact tree for each behaviour, in a stage after the other until it is found.
 
     Args:
         classes: with the behaviours and their counters.
         space: the trees to search, within COMPACT.
         mutation: the mutations.
-        evaluator: runs about 200 episodes, and 500 per behaviour, in each of WORLDS worlds.
-        stage: index of the curriculum's stage that scores the episodes.
-        behaviours: behaviours to search for; None: all.
-        further: further trees to start from, e.g. of another stage.
-        most: episodes at most. The first trees take up to POOL_SHARE of them, and each behaviour
-            an equal part of the rest.
+        evaluator: runs about 200 episodes a stage, and 500 per behaviour, in each of WORLDS worlds.
+        stages: indices of the curriculum's stages that score the episodes.
+        most: episodes at most, in equal parts of the stages that are left. Of a stage's, the first
+            trees take up to POOL_SHARE, and each behaviour an equal part of the rest.
 
     Yields:
-        Each behaviour as soon as its search ends, with the tree, or None if no tree shows it, and
-        the episodes so far.
+        For each behaviour that is searched in a stage: the stage, the behaviour, the tree, or None
+        if no tree shows it, and the episodes so far.
 
     Raises:
         EvaluationError: an episode failed.
@@ -73,28 +69,34 @@ def single_behaviours(
     )
     space = replace(space, limits=limits)
     pool = [random_tree(stream(0, Stream.LIBRARY, slot=i), space) for i in range(POOL)]
-    searched = [n for n in classes.behaviours if behaviours is None or n in behaviours]
-    tried = _Tried(evaluator, stage, classes, POOL_SHARE * most)
-    tried.run([*(tree for tree in further if within(tree, limits)), *pool])
-    for number, behaviour in enumerate(classes.behaviours, 1):
-        if behaviour not in searched:
-            continue
-        share = (1 - POOL_SHARE) * most / len(searched)
-        tried.most += (1 - PRUNING_SHARE) * share
-        for r in range(ROUNDS):
-            # A tree found for one behaviour may be a step towards another one.
-            if tried.is_spent():
-                break
-            parents = tried.best(behaviour)[:PARENTS]
-            draws = (
-                stream(0, Stream.LIBRARY, generation=number, slot=r * CHILDREN + i)
-                for i in range(CHILDREN)
-            )
-            tried.run([_child(rng, parents, space, mutation) for rng in draws])
-        tried.most += PRUNING_SHARE * share
-        pruned = [tried.pruned(t, behaviour, space) for t in tried.best(behaviour)[:1]]
-        found = next((t for t in pruned if tried.score(t, behaviour)[0] > 0), None)
-        yield behaviour, found, tried.episodes
+    found, episodes = dict[str, Node](), 0
+    for place, stage in enumerate(stages):
+        missing = {b: n for n, b in enumerate(classes.behaviours, 1) if b not in found}
+        if not missing:
+            return
+        share = (most - episodes) / (len(stages) - place)
+        tried = _Tried(evaluator, stage, classes, POOL_SHARE * share)
+        tried.run([*found.values(), *pool])
+        for behaviour, number in missing.items():
+            part = (1 - POOL_SHARE) * share / len(missing)
+            tried.most += (1 - PRUNING_SHARE) * part
+            for r in range(ROUNDS):
+                # A tree found for one behaviour may be a step towards another one.
+                if tried.is_spent():
+                    break
+                parents = tried.best(behaviour)[:PARENTS]
+                draws = (
+                    stream(0, Stream.LIBRARY, generation=number, slot=r * CHILDREN + i)
+                    for i in range(CHILDREN)
+                )
+                tried.run([_child(rng, parents, space, mutation) for rng in draws])
+            tried.most += PRUNING_SHARE * part
+            best = [tried.pruned(t, behaviour, space) for t in tried.best(behaviour)[:1]]
+            tree = next((t for t in best if tried.score(t, behaviour)[0] > 0), None)
+            if tree is not None:
+                found[behaviour] = tree
+            yield stage, behaviour, tree, episodes + tried.episodes
+        episodes += tried.episodes
 
 
 def _child(rng: Rng, parents: Sequence[Node], space: TreeSpace, mutation: MutationSettings) -> Node:

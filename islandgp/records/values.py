@@ -77,7 +77,6 @@ def generation_values(
         **dict(_costs(cost)),
         **_nested(best, "components"),
         **_nested(snapshot, "tiers", "specialists", "behaviour_counts", "counters"),
-        **dict(_edits(guidance.get("edits", ()), record.get("trials", ()))),
         **({f"constraints.{name}": v for name, v in limits.items()} if constraints else {}),
     }
 
@@ -105,19 +104,6 @@ def _costs(cost: Mapping[str, Any]) -> Iterator[tuple[str, float]]:
             yield from _nested(cost, "llm").items()
         elif name != "at":
             yield name if name == "episodes" else f"cost.{name}", value
-
-
-def _edits(
-    advised: Iterable[Mapping[str, Any]], trials: Iterable[Mapping[str, Any]]
-) -> Iterator[tuple[str, int]]:
-    """Edits advised after a generation, and results of those before it; none if there are none."""
-    refused = [bool(edit["refused"]) for edit in advised]
-    better = [trial["fitness"] > trial["parent_fitness"] for trial in trials]
-    if refused or better:
-        yield "edits.advised", len(refused)
-        yield "edits.refused", sum(refused)
-        yield "edits.evaluated", len(better)
-        yield "edits.better", sum(better)
 
 
 def _nested(record: Mapping[str, Any], *groups: str) -> dict[str, Any]:

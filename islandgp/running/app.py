@@ -27,7 +27,7 @@ from islandgp.records.parameters import redacted
 from islandgp.resources import resource
 from islandgp.running.console import as_ctrl_c, echo, exit_code
 from islandgp.running.parts import check_parts
-from islandgp.running.report import MOSTLY_FALLBACK
+from islandgp.running.report import MOSTLY_FALLBACK, is_mostly_fallback
 from islandgp.running.resume import choose
 from islandgp.running.run import run
 
@@ -82,9 +82,9 @@ def _run_all(args: argparse.Namespace, argv: list[str], home: Path) -> int:
         from islandgp.running.sweep import run_sweep  # only for sweeps
 
         return run_sweep(jobs, command_line(argv), home)
-    end = run(job.settings, job.config, job.folder, home=home, command=command_line(argv))
-    echo(end.text)
-    if end.mostly_fallback:
+    folder, text = run(job.settings, job.config, job.folder, home=home, command=command_line(argv))
+    echo(text)
+    if is_mostly_fallback(folder.summary()):
         print(f"islandgp: {MOSTLY_FALLBACK}", file=sys.stderr)
         return 3
     return 0

@@ -106,39 +106,25 @@ def _search(
     settings: Settings, domain: Domain, make_evaluator: Callable[[], Evaluator]
 ) -> KeptLibrary:
     """The trees found, in the order of the behaviours, and the number of episodes."""
-    behaviours = [*settings.classes.behaviours]
-    space = settings.plan(domain).space
-    stages = list(_stages(settings))
-    most = most_episodes(settings)
-    by_behaviour: dict[str, Node] = {}
-    episodes = before = 0
+    by_behaviour, episodes = dict[str, Node](), 0
     _say("searching for a tree of each behaviour, once")
     with closing(make_evaluator()) as evaluator:
-        for place, stage in enumerate(stages):
-            missing, before = [b for b in behaviours if b not in by_behaviour], episodes
-            if not missing:
-                break
-            if stage != stages[0]:
-                _say(f"in the world of stage {stage + 1}: {', '.join(missing)}")
-            search = single_behaviours(
-                settings.classes,
-                space,
-                settings.gp.mutation,
-                evaluator,
-                stage,
-                behaviours=missing,
-                further=tuple(by_behaviour.values()),
-                most=(most - before) / (len(stages) - place),
-            )
-            for n, (name, tree, spent) in enumerate(search, 1):
-                episodes = before + spent
-                if tree is not None:
-                    by_behaviour[name] = tree
-                if settings.progress != "off":
-                    outcome = "no tree found" if tree is None else f"a tree of {size(tree)} nodes"
-                    _say(f"{name}: {outcome} ({n} of {len(missing)})")
-    trees = {name: to_text(by_behaviour[name]) for name in behaviours if name in by_behaviour}
-    return KeptLibrary(episodes, trees)
+        for stage, name, tree, spent in single_behaviours(
+            settings.classes,
+            settings.plan(domain).space,
+            settings.gp.mutation,
+            evaluator,
+            [*_stages(settings)],
+            most=most_episodes(settings),
+        ):
+            episodes = spent
+            if tree is not None:
+                by_behaviour[name] = tree
+            if settings.progress != "off":
+                outcome = "no tree found" if tree is None else f"a tree of {size(tree)} nodes"
+                _say(f"{name}: {outcome} in the world of stage {stage + 1}")
+    found = [name for name in settings.classes.behaviours if name in by_behaviour]
+    return KeptLibrary(episodes, {name: to_text(by_behaviour[name]) for name in found})
 
 
 def _stages(settings: Settings) -> Iterator[int]:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import sys
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import Any, Final
@@ -33,7 +32,7 @@ from islandgp.running.parts import (
     plan_of,
     searched_library,
 )
-from islandgp.running.report import Progress, is_mostly_fallback, proposals, report, summary
+from islandgp.running.report import Progress, proposals, report, summary
 from islandgp.running.resume import about_run, choose
 from islandgp.supervision.base import GenerationListener, Supervisor, SupervisorLifecycle
 from islandgp.supervision.library import Library
@@ -56,14 +55,6 @@ class _CallbackError(Exception):
         self.error = error
 
 
-@dataclass(frozen=True, slots=True)
-class RunResult:
-    """Result of a finished run."""
-
-    text: str  # summary for the console
-    mostly_fallback: bool  # the fallback's share exceeds `most_fallback`
-
-
 def run(
     settings: Settings,
     config: Mapping[str, Any],
@@ -72,7 +63,7 @@ def run(
     home: Path,
     command: str = "",
     on_generation: OnGeneration | None = None,
-) -> RunResult:
+) -> tuple[RunFolder, str]:
     """Runs an experiment, or continues an interrupted run.
 
     Args:
@@ -84,7 +75,7 @@ def run(
         on_generation: called with each generation's record, those of a resumed run included.
 
     Returns:
-        The result of the finished run.
+        The folder of the finished run, and its result as text.
 
     Raises:
         Exception: as `on_generation` raised it; the run is stopped, and can be resumed.
@@ -128,7 +119,7 @@ def run(
         target.close()
 
 
-def _complete(target: RunFolder, tracker: Tracker, settings: Settings) -> RunResult:
+def _complete(target: RunFolder, tracker: Tracker, settings: Settings) -> tuple[RunFolder, str]:
     """The result of a run that was finished before; the tracker sends missing records.
 
     Raises:
@@ -142,9 +133,10 @@ def _complete(target: RunFolder, tracker: Tracker, settings: Settings) -> RunRes
     return _result(target, list(target.costs()), note, where)
 
 
-def _result(target: RunFolder, costs: Sequence[Mapping[str, Any]], *notes: str) -> RunResult:
-    text = "\n".join((report(target, costs), *filter(None, notes))).rstrip()
-    return RunResult(text, is_mostly_fallback(target.summary()))
+def _result(
+    target: RunFolder, costs: Sequence[Mapping[str, Any]], *notes: str
+) -> tuple[RunFolder, str]:
+    return target, "\n".join((report(target, costs), *filter(None, notes))).rstrip()
 
 
 def _write_page(

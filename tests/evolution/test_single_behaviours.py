@@ -95,9 +95,9 @@ def search(limits: Limits | None = None) -> tuple[dict[str, Node], list[Job]]:
     """The trees by behaviour, and the episodes that it took."""
     gp, store = composed().gp, Store()
     space = TreeSpace(gp.trees, STORE, limits or gp.limits)
-    results = single_behaviours(CLASSES, space, gp.mutation, store, 3)
+    results = single_behaviours(CLASSES, space, gp.mutation, store, [3])
     trees = {}
-    for name, tree, episodes in results:
+    for _, name, tree, episodes in results:
         assert episodes == len(store.jobs)
         trees |= {name: tree} if tree is not None else {}
     return trees, store.jobs
@@ -127,8 +127,8 @@ def test_nodes_keep_the_fewest_children_of_their_kind() -> None:
     gp, store = composed().gp, Store()
     kinds = gp.trees.model_copy(update={"kinds": {"recovery": 1.0}})
     space = TreeSpace(kinds, STORE, gp.limits)
-    results = single_behaviours(CLASSES, space, gp.mutation, store, 3)
-    by_behaviour = {name: tree for name, tree, _ in results}
+    results = single_behaviours(CLASSES, space, gp.mutation, store, [3])
+    by_behaviour = {name: tree for _, name, tree, _ in results}
     trees = [parse(job.tree, STORE) for job in store.jobs]
     assert any(node.kind == "recovery" for tree in trees for node in walk(tree))
     assert by_behaviour["picking"] is not None
