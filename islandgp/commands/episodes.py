@@ -21,7 +21,6 @@ from islandgp.bt.core.printer import with_subtrees
 from islandgp.commands.files import (
     FILE,
     OUTPUT,
-    STDIN,
     check_other_file,
     display_name,
     read_tree_text,
@@ -60,7 +59,9 @@ with_seed_option = click.option(
 
 @click.command()
 @click.argument("files", type=FILE, nargs=-1, required=True)
-@click.option("--seeds", type=click.IntRange(1, 100_000), default=30, help="Number of worlds.")
+@click.option(
+    "--seeds", "--worlds", type=click.IntRange(1, 100_000), default=30, help="Number of worlds."
+)
 @click.option("--json", "as_json", is_flag=True, help="Print the outcomes as JSON.")
 @with_episode_options
 def play_command(files: tuple[str, ...], seeds: int, as_json: bool, options: DomainOptions) -> None:
@@ -140,7 +141,9 @@ def _summary(outcomes: Sequence[Outcome], schema: Schema) -> list[Column]:
 
 @click.command()
 @click.argument("file", type=FILE)
-@click.option("--worlds", type=click.IntRange(1, 10_000), default=20, help="Number of worlds.")
+@click.option(
+    "--worlds", "--seeds", type=click.IntRange(1, 10_000), default=20, help="Number of worlds."
+)
 @with_seed_option
 @click.option("--text", "as_text", is_flag=True, help="Print the tree with comments instead.")
 @click.option("--json", "as_json", is_flag=True, help="Print a row per node as JSON.")
@@ -274,5 +277,3 @@ def replay_command(file: str, seed: int, output: str, options: DomainOptions) ->
     recording = record(task.tree, task.problem, seed=seed, stage=task.stage, limit=task.timeout)
     text = page(recording, title=Path(display_name(file)).stem)
     write_text(output, text)
-    if output != STDIN:
-        click.echo(f"{output}: {len(text.encode()) / 1000:.0f} kB", err=True)

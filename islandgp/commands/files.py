@@ -129,7 +129,10 @@ def check_other_file(file: str, output: str) -> None:
 
 
 def write_text(file: str, text: str) -> None:
-    """Writes a file atomically, or prints the text if `file` is `-`. Raises IslandError."""
+    """Writes a file atomically and says so, or prints the text if `file` is `-`.
+
+    Raises IslandError.
+    """
     if file == STDIN:
         click.echo(text.encode(), nl=False)  # UTF-8, like a file, on all terminals
         return
@@ -142,3 +145,4 @@ def write_text(file: str, text: str) -> None:
             write_atomic(path.resolve(), text.encode())  # where a link leads: the link stays
     except OSError as error:
         raise unusable(path, error) from None
+    click.echo(f"wrote {file}", err=True)

@@ -70,9 +70,10 @@ def fmt_command(files: tuple[str, ...], check: bool) -> None:
         if file == STDIN and not check:
             write_text(file, after)
         elif before != after:
-            if not check:
+            if check:
+                click.echo(f"would change {name}", err=True)
+            else:
                 write_text(file, after)
-            click.echo(f"{'would change' if check else 'changed'} {name}", err=True)
         changed += before != after
     if wrong:
         raise IslandError("\n".join(wrong))

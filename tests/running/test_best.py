@@ -48,7 +48,7 @@ def test_the_best_trees_are_tested_in_unused_worlds(run: Path, tmp_path: Path) -
     file = tmp_path / "best tree.bt"
     result = best(run, "--worlds", "3", "--json", "-o", str(file))
     assert result.exit_code == 0, result.output
-    rows = json.loads(result.output)
+    rows = json.loads(result.stdout)
     assert [row["name"] for row in rows if row["evolved"]] == [run.name]
     assert rows[0]["difference"] == 0
     assert rows[-1]["name"] == "library: multi_behaviour"
@@ -121,7 +121,7 @@ def test_the_best_robots_of_a_sweep(tmp_path: Path) -> None:
     (folder,) = runs.iterdir()
     result = best(folder, "--worlds", "4", "--json")
     assert result.exit_code == 0, result.output
-    rows = json.loads(result.output)
+    rows = json.loads(result.stdout)
     means = islandgp.load(folder).runs.set_index("run")["validation_mean"]
     ranked = [*means.sort_values(ascending=False).index]
     assert [row["name"] for row in rows if row["evolved"]] == ranked

@@ -103,9 +103,10 @@ def test_shipped_trees_come_back_from_json(islandgp: Cli, tmp_path: Path, file: 
     if file in PATTERNS:
         words = file.parent / "robot.json"
         robot, vocabulary = ["--vocabulary", words], declared(words.read_text(), "", name="robot")
-    exported = islandgp("export", file, *robot, "-o", tmp_path / "a tree.json")
-    assert exported == CommandResult(0, "", "")
-    result = islandgp("import", tmp_path / "a tree.json", *robot)
+    target = tmp_path / "a tree.json"
+    exported = islandgp("export", file, *robot, "-o", target)
+    assert exported == CommandResult(0, "", f"wrote {target}\n")
+    result = islandgp("import", target, *robot)
     read, written = (parse(text, vocabulary) for text in (result.out, file.read_text()))
     assert (result.code, read) == (0, written)
 
