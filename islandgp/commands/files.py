@@ -22,25 +22,18 @@ STDIN: Final = "-"
 
 
 class _Input(click.Path):
-    """A file to read, or a run's folder: its best tree. `-`, the standard input, is read once."""
+    """A file to read, or a run's folder: its best tree."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """The path, as from `click.Path`. Raises click.UsageError for a second `-`."""
+        """The path, as from `click.Path`."""
         best = os.path.join(os.fsdecode(value), "best.bt")
         if os.path.isfile(best):  # False for a name that is too long
             check_file(Path(best))
             value = best
         elif os.path.isdir(value):
             self.fail(f"{value!r} is a folder without best.bt; name a tree or a run's folder")
-        path = super().convert(value, param, ctx)
-        if path == STDIN and ctx is not None:
-            if _STDIN_USED in ctx.meta:
-                raise click.UsageError("expected one `-`, the standard input, found more", ctx)
-            ctx.meta[_STDIN_USED] = True
-        return path
+        return super().convert(value, param, ctx)
 
-
-_STDIN_USED: Final = "islandgp.stdin"
 
 FILE: Final = _Input(exists=True, dir_okay=False, allow_dash=True)
 """An argument that names a file; `-` is the standard input."""

@@ -76,16 +76,12 @@ def _fill(made: Path, kind: str, words: Mapping[str, str]) -> Path:
 def _must_be_new(folder: Path) -> None:
     """Raises ConfigError unless the name is a new module's, domain's and folder's."""
     name = folder.name
-    taken = {*sys.stdlib_module_names, *packages_distributions()}
-    domains = {path.stem for path in resource("conf").glob("domain/*.yaml")}
+    domains = (path.stem for path in resource("conf").glob("domain/*.yaml"))
+    taken = {*sys.stdlib_module_names, *packages_distributions(), *domains}
     if not re.fullmatch(r"[a-z][a-z0-9_]{0,39}", str(folder)) or iskeyword(name):
         found = f"{str(folder)!r}; use lower-case letters, digits and _, such as my_robot"
-    elif name in taken:
-        found = f"{name}, a module of Python or of an installed package"
-    elif name in domains:
-        found = f"{name}, a domain of islandgp"
-    elif folder.exists():
-        found = f"{name}, which exists"
+    elif name in taken or folder.exists():
+        found = f"{name}, the name of a module, a domain or a file here"
     else:
         return
     raise ConfigError(f"Expected a new name for the robot, found {found}.")

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import wraps
-from math import isnan
 from pathlib import Path
 from typing import Any, Final
 
@@ -17,7 +16,7 @@ from islandgp.gate import user_folder
 Command = Callable[..., None]
 Decorator = Callable[[Command], Command]
 
-TIMEOUT: Final = 30.0  # s
+TIMEOUT: Final = 30  # s
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,20 +28,7 @@ class DomainOptions:
     declaration: str | None = None  # a file that declares the vocabulary instead
     run: Path | None = None  # a run's folder, whose settings are used
     stage: int | None = None  # from 1; None: the last
-    timeout: float = TIMEOUT  # s of an episode; 0: none
-
-
-class NumberRange(click.FloatRange):
-    """A number within a range; "nan", which Click accepts in any range, is rejected."""
-
-    def convert(
-        self, value: Any, param: click.Parameter | None, ctx: click.Context | None
-    ) -> float:
-        """The number. Raises click.BadParameter for an invalid one."""
-        number = super().convert(value, param, ctx)
-        if isnan(number):
-            self.fail(f"{value} is not in the range {self._describe_range()}.", param, ctx)
-        return float(number)
+    timeout: int = TIMEOUT  # s of an episode; 0: none
 
 
 def grouped(name: str, kind: type, *options: Decorator) -> Decorator:
@@ -93,7 +79,7 @@ VOCABULARY: Final = click.option(
 )
 TIMEOUT_OPTION: Final = click.option(
     "--timeout",
-    type=NumberRange(min=0),
+    type=click.IntRange(0),
     default=TIMEOUT,
     help="Time limit of an episode in seconds; 0: none.",
 )

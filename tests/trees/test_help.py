@@ -55,7 +55,7 @@ def test_no_words_show_the_help(islandgp: Cli) -> None:
             ["play", "-", "--seeds", "0"],
             "islandgp: play: invalid value for '--seeds' / '--worlds':",
         ),
-        (["play", "-", "--timeout", "nan"], "islandgp: play: invalid value for '--timeout': nan"),
+        (["play", "-", "--timeout", "nan"], "islandgp: play: invalid value for '--timeout': 'nan'"),
         (["show", "t.bt"], "islandgp: show: invalid value for 'FILE': File 't.bt' does not exist"),
         (["show", "-", "x"], "islandgp: show: got unexpected extra argument (x); `islandgp show"),
         (
