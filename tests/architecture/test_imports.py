@@ -105,6 +105,12 @@ def test_every_package_exists() -> None:
     assert len(LAYERS) <= 12
 
 
+def test_the_picture_of_the_rooms_has_each_of_them() -> None:
+    """`python -m docs.rooms` draws it."""
+    picture = (ROOT / "docs" / "img" / "rooms.svg").read_text(encoding="utf-8")
+    assert [name for name in chain(*LAYERS[1:]) if f">{name}</text>" not in picture] == []
+
+
 def test_imports_go_one_way() -> None:
     """Nothing imports from a later layer, and packages of a layer do not import in a circle."""
     layers = {entry: number for number, entries in enumerate(LAYERS) for entry in entries}
