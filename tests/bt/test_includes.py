@@ -97,7 +97,7 @@ WRONG = {
     'include "C:\\\\x.bt" A': ("1:9", "there is no such file"),
     "include lib A": ("1:9", "Expected a text in quotes"),
     'include "bad.bt" A': ("bad.bt:2:1", "unexpected"),
-    'include "bytes.bt" A': ("1:9", "not UTF-8 text"),
+    'include "bytes.bt" A': ("1:9", "can't decode byte"),
     'include "pipe.bt" A': ("1:9", "there is no such file"),
     'include "large.bt" A': ("1:9", "too long"),
     'include "other.bt" A': ("other.bt:1:8", "for the domain 'sea'"),
@@ -148,9 +148,11 @@ def test_a_file_counts_once(folder: Path) -> None:
     """However often it is included, also by itself; and there are at most fifty."""
     for at in range(60):
         (folder / f"f{at}.bt").write_text(f"constant c{at} = {at}")
+    (folder / "t.bt").write_text("no tree")
     (folder / "both.bt").write_text('include "f1.bt"\ninclude "f2.bt"\ninclude "both.bt"')
-    text = 'include "f1.bt"\ninclude "both.bt"\nwhen lap < c2 { PatrolWaypoint }'
-    assert to_text(parse(text, folder=folder)) == "when lap < 2 { PatrolWaypoint }\n"
+    text = 'include "f1.bt"\ninclude "both.bt"\ninclude "t.bt"\nwhen lap < c2 { PatrolWaypoint }'
+    tree = parse(text, name="t.bt", folder=folder)
+    assert to_text(tree) == "when lap < 2 { PatrolWaypoint }\n"
     many = "\n".join(f'include "f{at}.bt"' for at in range(60))
     with pytest.raises(LimitError, match="at most 50"):
         parse(f"{many} PatrolWaypoint", folder=folder)

@@ -40,7 +40,9 @@ def load_includes(
         LimitError: there are too many files, or too much is in them.
     """
     parts: list[ParsedFile] = []
-    texts: dict[Path, str] = {}
+    texts: dict[Path, str] = {}  # by the paths of the files that are read
+    if folder is not None:
+        texts[(folder / Path(main.name).name).resolve()] = main.text
 
     def visit(source: Source, rule: str, beside: Path | None) -> None:
         tree = grammar(source, rule)
@@ -52,11 +54,10 @@ def load_includes(
                     continue
                 texts[path] = read_included(path)
             except (OSError, ValueError) as error:
-                reason = getattr(error, "strerror", None) or "it is not UTF-8 text"
-                expected = "a tree file in the folder of the tree or below"
+                reason = getattr(error, "strerror", error)
+                expected = "a tree file in UTF-8, in the folder of the tree or below"
                 raise source.error(token, f"can't read {shown(name)}: {reason}", expected) from None
-            size = len(main.text) + sum(map(len, texts.values()))
-            if len(texts) > MAX_FILES or size > MAX_CHARACTERS:
+            if len(texts) > 1 + MAX_FILES or sum(map(len, texts.values())) > MAX_CHARACTERS:
                 raise source.error(
                     token,
                     "the included files are too many or too long",
