@@ -77,7 +77,7 @@ class Builder(NodeBuilder):
             vocabulary: the valid actions and keys. None: all names are valid.
             marks: mark nodes with places, comments and names of subtrees (`MarkedNode`).
             named: as for `NodeBuilder`.
-            written: keep each `use` as a node, with UseArgs.
+            written: keep each `use` as a node, with WrittenArgs.
             errors: list to append errors of names and numbers to. None: raise the first one.
         """
         super().__init__(vocabulary, named=named)

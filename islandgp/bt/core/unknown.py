@@ -69,6 +69,6 @@ def unknown_node(
     elif name in vocabulary.keys:
         guess = f"when {vocabulary.keys[name].example(name)} {{ ... }}"
     kind = "node" if rest.startswith("{") else "action"
-    known = [*KEYWORDS, *SHORT, "use", *vocabulary.actions, *parameters]
-    expected = f"{NODE} ({listing(vocabulary.actions)})"
-    return unknown(word, kind, known, expected=expected, guess=guess)
+    guess = guess or closest(name, [*KEYWORDS, *SHORT, "use", *vocabulary.actions, *parameters])
+    expected = NODE if guess else f"{NODE} ({listing(vocabulary.actions)})"
+    return unknown(word, kind, (), expected=expected, guess=guess)
