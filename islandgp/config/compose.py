@@ -23,14 +23,7 @@ from islandgp.config.reads import must_be_read
 from islandgp.config.settings import Settings, read_settings
 from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError
-from islandgp.records.parameters import (
-    HIDDEN,
-    RUNTIME_KEYS,
-    ending_in_digest,
-    is_secret,
-    key_of,
-    without_credentials,
-)
+from islandgp.records.parameters import RUNTIME_KEYS, ending_in_digest, key_of, without_credentials
 
 NOT_IN_FOLDER: Final = RUNTIME_KEYS | {
     "hydra",
@@ -57,7 +50,6 @@ def run_folder(config: Mapping[str, Any], overrides: Sequence[str], home: Path) 
         for key, override in last.items()
         if key not in NOT_IN_FOLDER
         and (key.startswith("supervisor.") or group_of(key) not in NOT_IN_FOLDER)
-        and not is_secret(key)
     ]
     leaf = "-".join([f"{config['supervisor']['name']}-seed{int(config['seed'])}", *sorted(choices)])
     return (home / str(config["runs"]) / str(config["name"]) / _safe(leaf)).resolve()
@@ -73,14 +65,12 @@ def _safe(name: str) -> str:
 
 def is_choice(override: str) -> bool:
     """True if the override is part of an arm's identity."""
-    group = group_of(override)
-    return not is_secret(key_of(override)) and group not in RUNTIME_KEYS | {"hydra", "name", "seed"}
+    return group_of(override) not in RUNTIME_KEYS | {"hydra", "name", "seed"}
 
 
 def command_line(argv: Sequence[str]) -> str:
-    """The command for a shell, with secrets hidden."""
-    words = [f"{w.partition('=')[0]}={HIDDEN}" if is_secret(key_of(w)) else w for w in argv]
-    return shlex.join(["python", "-m", "islandgp", *map(without_credentials, words)])
+    """The command for a shell, with passwords in addresses hidden."""
+    return shlex.join(["python", "-m", "islandgp", *map(without_credentials, argv)])
 
 
 def group_of(override: str) -> str:

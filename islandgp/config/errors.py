@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import re
 import shlex
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from difflib import get_close_matches
 from typing import Any, Final
@@ -118,7 +118,7 @@ def unknown_key(path: str, config: Any, elsewhere: Callable[[], str] = str) -> s
     It names a key that is spelt almost so, or the option that has it as `elsewhere` finds it, or a
     key of the same name in another place.
     """
-    keys = [key for key in _keys(config) if key != path]
+    keys = [key for key in _keys(config) if not f"{key}.".startswith(f"{path}.")]
     last = [key for key in keys if key.rpartition(".")[2] == path.rpartition(".")[2]]
     near = get_close_matches(path, keys, 1, 0.85)
     if not near and (option := elsewhere()):
@@ -146,8 +146,17 @@ def unresolved(error: OmegaConfBaseException) -> str:
     return f"{key}: expected a value, found none ({brief(error)}); give {key}=VALUE"
 
 
-def error_lines(error: ValidationError, config: Any, at: str = "") -> Iterator[str]:
-    """A line for each error of validating `config`; `at` is its path."""
+def error_lines(
+    error: ValidationError, config: Any, at: str = "", fields: Collection[str] = ()
+) -> Iterator[str]:
+    """A line for each error of validating `config`.
+
+    Args:
+        error: of pydantic.
+        config: plain values.
+        at: path of `config`.
+        fields: names that keys may have, also if `config` has none of them.
+    """
     details = error.errors(include_url=False)
     inside = {e["loc"][:n] for e in details for n in range(len(e["loc"]))}
     paths = [".".join(str(part) for part in ((at, *e["loc"]) if at else e["loc"])) for e in details]
@@ -158,7 +167,9 @@ def error_lines(error: ValidationError, config: Any, at: str = "") -> Iterator[s
             continue  # errors within items are reported only once
         message = e["msg"].removeprefix("Value error, ")
         if e["type"] == "extra_forbidden":
-            yield unknown_key(path, {**({at: config} if at else config), **missing})
+            parent, _, name = path.rpartition(".")
+            meant = {f"{parent}.{n}": None for n in get_close_matches(name, fields, 1, 0.8)}
+            yield unknown_key(path, {**({at: config} if at else config), **missing, **meant})
         elif e["type"] == "value_error":
             colon = "." if re.match(r"[a-z0-9_.]+: ", message) else ": "  # it begins with a key
             yield f"{path}{colon}{message}" if path else message

@@ -197,7 +197,10 @@ def read_settings(config: Mapping[str, Any]) -> Settings:
     try:
         settings = _within_budget(Settings(**config))
     except ValidationError as error:
-        raise ConfigError("\n".join(sorted(set(error_lines(error, config))))) from None
+        models = Settings.model_json_schema()["$defs"].values()
+        fields = {name for model in models for name in model.get("properties", ())}
+        lines = error_lines(error, config, fields=fields)
+        raise ConfigError("\n".join(sorted(set(lines)))) from None
     wrong = [*switched_numbers(config, settings.model_dump()), *_conflicts(settings)]
     wrong = wrong or [*_faults(settings)]
     if wrong:

@@ -80,17 +80,11 @@ def short_key(key: str, others: Iterable[str]) -> str:
     return key
 
 
-def is_secret(key: str) -> bool:
-    """True if a dotted key is that of a secret."""
-    return SECRET.search(key.rpartition(".")[2]) is not None
-
-
 def secret_in(override: str) -> str:
     """The name of a secret that an override sets, also inside its value; "" without one."""
     key, _, value = override.partition("=")
     names = [key_of(key), *re.findall(r"[{,]\s*['\"]?([\w.-]+)['\"]?\s*:", value)]
-    paths = [".".join(names[: i + 1]) for i in range(len(names))]
-    return next((name for name, path in zip(names, paths, strict=True) if is_secret(path)), "")
+    return next((name for name in names if SECRET.search(name.rpartition(".")[2])), "")
 
 
 def flat(config: Mapping[str, Any]) -> Iterator[tuple[str, str]]:

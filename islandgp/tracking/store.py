@@ -70,8 +70,12 @@ class MLflowSettings(BaseModel, frozen=True, extra="forbid"):
     def _can_be_asked(cls, uri: str) -> str:
         if uri.startswith(SQLITE):
             return uri
-        parts = urlsplit(uri)
-        if not parts.hostname or parts.port == 0:  # another wrong port raises ValueError
+        try:
+            parts = urlsplit(uri)
+            sound = bool(parts.hostname) and parts.port != 0
+        except ValueError:  # it may show a part of a password
+            sound = False
+        if not sound:
             raise ValueError("expected http://HOST:PORT with a port from 1 to 65535")
         if "@" in parts.netloc:
             raise ValueError(

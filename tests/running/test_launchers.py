@@ -156,6 +156,6 @@ def test_each_launcher_has_a_configuration_that_composes(name: str, kind: str) -
 def test_commands_are_quoted_for_a_shell() -> None:
     """What is printed to run a job again can be pasted."""
     assert command_line(["seed=range(5)", "-m"]) == "python -m islandgp 'seed=range(5)' -m"
-    assert command_line(["supervisor.policy.api_key=sk-1"]) == (
-        "python -m islandgp 'supervisor.policy.api_key=***'"
+    assert command_line(["tracking.policy.uri=http://me:word@host"]) == (
+        "python -m islandgp 'tracking.policy.uri=http://***@host'"
     )

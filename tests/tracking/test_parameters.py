@@ -5,7 +5,7 @@ from __future__ import annotations
 import pytest
 
 from islandgp.plain import flatten
-from islandgp.records.parameters import flat, is_secret, redacted
+from islandgp.records.parameters import flat, redacted, secret_in
 
 
 def test_nested_values_become_dotted_keys() -> None:
@@ -49,4 +49,4 @@ def test_secrets_are_hidden_at_any_depth() -> None:
 )
 def test_which_keys_name_a_secret(key: str, secret: bool) -> None:
     """The last part of the key decides."""
-    assert is_secret(key) is secret
+    assert secret_in(f"{key}=x") == (key if secret else "")
