@@ -198,8 +198,8 @@ def explained(
     return visit(tree, False)
 
 
-def explained_in_text(run: Run, tree: Node, worlds: Sequence[int]) -> tuple[str, int]:
-    """A tree's text with a comment on each child of a selector, and the episodes that were run."""
+def explained_in_text(run: Run, tree: Node, worlds: Sequence[int]) -> str:
+    """A tree's text with a comment on each child of a selector."""
     nodes = list(walk(tree))
     selectors = {id(c) for n in nodes if kind_of(n).advance_status == FAILURE for c in n.children}
     others = {place for place, node in enumerate(nodes) if id(node) not in selectors}
@@ -208,5 +208,4 @@ def explained_in_text(run: Run, tree: Node, worlds: Sequence[int]) -> tuple[str,
         return [[run(each, seed, None) for seed in seeds] for each in trees]
 
     usages = with_losses(usage(run, tree, worlds), tree, evaluate, worlds, others)
-    episodes = (2 + len(nodes) - len(others)) * len(worlds)
-    return with_subtrees(explained(tree, usages, with_counts)), episodes
+    return with_subtrees(explained(tree, usages, with_counts))

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from functools import lru_cache
 from inspect import getfile
 from pathlib import Path
 
@@ -86,7 +85,6 @@ def read_library(
     return Library(trees, texts, settings.trees, settings.examples)
 
 
-@lru_cache(maxsize=64)  # a run reads its library several times
 def _parsed(text: str, vocabulary: Vocabulary, name: str) -> Node:
     """The tree of a file's text. Raises as `parse`, and ConfigError if actions share a resource."""
     tree = parse(text, vocabulary, name=name)

@@ -204,7 +204,7 @@ class EpisodeTexts:
     def explained(self, i: IndividualRecord) -> str:
         """An individual's tree with what each branch did and is worth."""
         domain, seed = self._world(i)
-        return explained_in_text(self._run(domain, []), self._tree(i), [seed])[0]
+        return explained_in_text(self._run(domain, []), self._tree(i), [seed])
 
 
 def components(members: Sequence[IndividualRecord]) -> str:
