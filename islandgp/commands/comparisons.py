@@ -13,7 +13,7 @@ import click
 from islandgp.commands.files import FOLDER, OUTPUT, STDIN, check_place, unusable, write_text
 from islandgp.commands.options import grouped, with_config_dir_option, with_workers_option
 from islandgp.commands.tables import Column, compared_trees, print_table, standard_output
-from islandgp.compare.champions import best_trees, runs_of_one_task, shortened_trees
+from islandgp.compare.champions import MOST, best_trees, runs_of_one_task, shortened_trees
 from islandgp.compare.report import CompareOptions, build, select_study, write
 from islandgp.evaluation.processes import Processes, cores
 from islandgp.gate import cleaned
@@ -71,6 +71,8 @@ def best_command(
             f"Means over {worlds} test worlds of the last stage; differences are to the first tree."
             " Training and selection used other worlds."
         )
+        if len(runs) > MOST:
+            note += f"\nOf {len(runs)} runs, those {MOST} with the highest means in validation."
         if "perturbed" in frame:
             note += "\nPerturbed: mean and worst in the same worlds after their perturbation."
     if output is not None:

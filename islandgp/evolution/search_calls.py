@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -14,7 +14,7 @@ from islandgp.gp.population import Advice, Evaluated, Individual
 from islandgp.gp.record import RunState
 from islandgp.plain import from_json, to_json
 from islandgp.plugin import path_of, plugin_errors
-from islandgp.search.base import LearningSearch, Search, SearchState
+from islandgp.search.base import Search, SearchState
 from islandgp.seeding import Streams
 
 
@@ -107,6 +107,7 @@ def restored(state: RunState, search: Search, vocabulary: Vocabulary) -> RunStat
 
 def findings(search: Search, state: RunState | None, vocabulary: Vocabulary) -> list[str]:
     """Sentences on what a search has found out, e.g. about actions; [] if it learns nothing."""
-    if state is None or state.memory is None or not isinstance(search, LearningSearch):
+    found: Callable[[Any], list[str]] | None = getattr(search, "findings", None)
+    if found is None or state is None or state.memory is None:
         return []
-    return search.findings(restored(state, search, vocabulary).memory)
+    return found(restored(state, search, vocabulary).memory)

@@ -15,7 +15,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar, Final, Protocol, runtime_checkable
+from typing import Any, ClassVar, Final, Protocol
 
 from pydantic import BaseModel
 
@@ -62,7 +62,8 @@ class Search(Protocol):
     `Allocation` is a pydantic model of the keys of the group `allocation`: how the slots of a
     generation are filled. The plan has an instance. A search that learns from more than outcomes
     has an `observer`: it is called with the tree and the vocabulary of each episode and returns its
-    `islandgp.evaluation.base.EpisodeObserver`, whose result is in `Outcome.observed`.
+    `islandgp.evaluation.base.EpisodeObserver`, whose result is in `Outcome.observed`. A method
+    `findings(memory)` returns sentences on what it has found out besides trees, for reports.
     """
 
     Memory: ClassVar[Any]
@@ -103,15 +104,6 @@ class Search(Protocol):
         Returns:
             The state of the next generation, `state.generation + 1`.
         """
-        ...
-
-
-@runtime_checkable
-class LearningSearch(Protocol):
-    """A search that can tell what it has found out besides trees."""
-
-    def findings(self, memory: Any) -> list[str]:
-        """Sentences on what it has found out, for reports; `memory` is its `Memory`."""
         ...
 
 

@@ -130,7 +130,7 @@ class Plans(Racing):
         }
 
     def findings(self, memory: PlansMemory) -> list[str]:
-        """See `LearningSearch`: a sentence for each action, those of one name together."""
+        """See `Search`: a sentence for each action, those of one name together."""
         models = self.models(memory)
         return [models[text].sentence for text in sorted(memory.actions)]
 
