@@ -6,10 +6,12 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from functools import cache
+from functools import cache, reduce
+from operator import getitem
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
+from islandgp.atomic_files import reading
 from islandgp.bt.core.language import domain_of, domain_place
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.source import Source, plain, shown
@@ -31,8 +33,8 @@ if TYPE_CHECKING:
 QUICK: Final = ("tracking=off", "supervisor=baseline")
 """Components that no episode needs, replaced by those that are fast to load."""
 
-UNUSED: Final = ("tracking", "supervisor", "evaluator", "search")
-"""Groups of a run on which its episodes do not depend: those of the configuration are used."""
+RECORDED: Final = ["domain", "world", "rewards", "curriculum", "classes", "constraints", "perturb"]
+"""Keys of a run's configuration on which its episodes, tiers and constraints depend."""
 
 _CHOOSES: Final = frozenset({"domain", "experiment", "domain.factory"})
 """Keys of the configuration that choose the domain."""
@@ -65,18 +67,31 @@ def settings_of(source: TreeText, options: DomainOptions) -> Settings:
         RunError: the run is damaged, or names code that the user's configuration does not name.
     """
     run = options.run or source.folder or Path()
-    if options.run is None and (source.folder is None or not (run / "about.json").is_file()):
-        return _job_of_trees(_for_tree(source, options), options.config_dir).settings
-    from islandgp.config.compose import recorded_settings
+    is_run = options.run is not None or (run / "about.json").is_file()
+    overrides = _for_tree(source, options)
+    if is_run and not _keys_of(overrides) & _CHOOSES:
+        name = (about.tags if (about := RunFolder(run).about()) else {}).get("domain")
+        known = domain_files(options.config_dir)
+        overrides = (*overrides, f"domain={name}") if name in known else overrides
+    job = _job_of_trees(overrides, options.config_dir)
+    return _as_recorded(run, job, options) if is_run else job.settings
 
-    ours, config = _job_of_trees((), options.config_dir).config, RunFolder(run).configuration()
-    if not config:
+
+def _as_recorded(run: Path, job: Planned, options: DomainOptions) -> Settings:
+    """The settings of a job with the recorded values of a run, unless an option gives others."""
+    from islandgp.config.settings import read_settings
+
+    folder, given = RunFolder(run), _keys_of(options.overrides)
+    if not (config := folder.configuration()):
         raise RunError(f"Expected a run in {run}, found none; give a run's own folder.")
-    config |= {group: ours[group] for group in UNUSED}
+    config = {key: config.get(key) for key in RECORDED if key not in given}
     with user_folder(options.config_dir):
-        must_be_known_code([group for group in config.values() if isinstance(group, dict)])
-    _keys_of(options.overrides)  # each must have a value
-    return recorded_settings(config, options.overrides)
+        must_be_known_code(config)
+    with reading("a run's configuration", run / "config.yaml"):
+        for *groups, name in (key.split(".") for key in given):
+            if groups and groups[0] in config:
+                reduce(getitem, groups, config)[name] = reduce(getitem, [*groups, name], job.config)
+    return read_settings({**job.config, **config})
 
 
 def read_in_domain(

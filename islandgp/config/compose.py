@@ -110,13 +110,6 @@ def only_job(overrides: Sequence[str], config_dir: str | Path | None = None) -> 
     return job
 
 
-def recorded_settings(config: dict[str, Any], overrides: Sequence[str]) -> Settings:
-    """The settings in a run's configuration, with other values of keys. Raises ConfigError."""
-    changed = OmegaConf.create(config)
-    changed.merge_with_dotlist([override.lstrip("+") for override in overrides])
-    return read_settings(resolved(changed))
-
-
 def planned(args: argparse.Namespace, argv: Sequence[str], home: Path) -> Iterator[Planned]:
     """The jobs of a command. Raises ConfigError for the first invalid one."""
     source, batches = ConfigSource.of(args), [list(args.overrides)]
