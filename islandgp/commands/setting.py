@@ -128,12 +128,10 @@ def vocabulary_of(
 
     settings = settings_of(source, options)
     domain = settings.make_domain()
-    words_in = getattr(domain, "vocabulary_in", None) if in_world else None
-    if words_in is None:
+    if not in_world:
         return domain.schema.vocabulary
     stages = settings.curriculum.stages
-    vocabulary: Vocabulary = words_in([staged(settings.world, stage.world) for stage in stages])
-    return vocabulary
+    return domain.vocabulary_in([staged(settings.world, stage.world) for stage in stages])
 
 
 def _for_tree(source: TreeText, options: DomainOptions) -> tuple[str, ...]:

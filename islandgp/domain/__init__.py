@@ -40,7 +40,6 @@ from islandgp.domain.contract import Schema as Schema
 from islandgp.domain.contract import Shape as Shape
 from islandgp.domain.contract import ShapeStyle as ShapeStyle
 from islandgp.domain.contract import png as png
-from islandgp.domain.contract import prepare as prepare
 from islandgp.domain.contract import total as total
 from islandgp.domain.contract import wants_scenes as wants_scenes
 from islandgp.domain.rewards import EventLog as EventLog

@@ -5,6 +5,7 @@ from __future__ import annotations
 import struct
 import zlib
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from copy import copy
 from dataclasses import dataclass, field
 from functools import reduce
 from inspect import get_annotations
@@ -18,7 +19,9 @@ from pydantic import BaseModel, Field
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.parameters import validated
 from islandgp.bt.core.vocabulary import Vocabulary
+from islandgp.domain.sensors import SensorFaults
 from islandgp.errors import DomainError
+from islandgp.text_files import read_text_file
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,9 +84,17 @@ class Schema:
             file: e.g. `Path(__file__).with_name("schema.yaml")`.
 
         Returns:
-            The schema. Raises DomainError for a declaration of another type.
+            The schema.
+
+        Raises:
+            DomainError: the file is not YAML with these fields.
+            IslandError: it cannot be read.
         """
-        declaration = yaml.safe_load(file.read_text(encoding="utf-8"))
+        try:
+            declaration = yaml.safe_load(read_text_file(file))
+        except yaml.YAMLError as error:
+            found = " ".join(str(error).split())
+            raise DomainError(f"Expected the YAML of a schema in {file}, found: {found}.") from None
         schema: Self = validated(cls, declaration, f"the schema {file}")
         return schema
 
@@ -235,43 +246,23 @@ def wants_scenes(observer: Observer) -> bool:
     return bool(getattr(observer, "scenes", True))
 
 
-def prepare(domain: Domain) -> None:
-    """Calls the domain's optional method `prepare`.
-
-    Args:
-        domain: that is to run an episode.
-    """
-    if (own := getattr(domain, "prepare", None)) is not None:
-        own()
-
-
-class Domain(Protocol):
+class Domain:
     """A robot's world. Domains can be pickled and are sent to each worker once.
 
-    `World` and `Rewards` are pydantic models of the configuration groups `world` and `rewards`;
-    most domains use `scoring.rewards.RewardTable` as `Rewards`.
-
-    Optional methods:
-
-    - `with_sensors(faults)` returns the domain with `sensors.SensorFaults` between the world and
-      the blackboard. Required if a key declares noise or the schema a delay.
-    - `vocabulary_in(worlds)`, a class method, returns the vocabulary with the conditions
-      (`to_start`, `to_succeed`) that hold in all of these worlds, if they depend on the settings.
-      `check` bases its warnings on it.
-    - `prepare()` loads and compiles what episodes need. It is called before each episode, outside
-      the time limit of the episode.
-    - `about(seed=None)` returns sentences for prompts: the length of an episode and a description
-      of the world, for one seed or for the settings in general.
+    A subclass has `World` and `Rewards`, pydantic models of the configuration groups `world` and
+    `rewards` (most have `RewardTable` as `Rewards`), and implements `run_episode`; the other
+    methods serve as they are, unless it has more to do.
     """
 
     World: ClassVar[type[BaseModel]]
     Rewards: ClassVar[type[BaseModel]]
-    step_s: float  # simulated s of a tick
+    schema: Schema
+    step_s: float = 1.0  # simulated s of a tick
+    faults: SensorFaults | None = None
+    """Between the world and the blackboard; `run_episode` passes what the tree reads through."""
 
-    @property
-    def schema(self) -> Schema:
-        """The domain's declarations; may be an attribute."""
-        ...
+    def __init__(self, world: Any, rewards: Any) -> None:
+        self.world, self.rewards = world, rewards
 
     @classmethod
     def make(cls, world: Any, rewards: Any) -> Self:
@@ -287,7 +278,46 @@ class Domain(Protocol):
         Raises:
             ConfigError: the settings contradict each other.
         """
-        ...
+        return cls(world, rewards)
+
+    def with_sensors(self, faults: SensorFaults) -> Self:
+        """Puts faults between the world and the blackboard.
+
+        Args:
+            faults: of the sensors, in perturbed worlds.
+
+        Returns:
+            A domain that is otherwise equal.
+        """
+        changed = copy(self)
+        changed.faults = faults
+        return changed
+
+    def vocabulary_in(self, worlds: Sequence[Any]) -> Vocabulary:  # noqa: ARG002
+        """The vocabulary with what holds in some worlds; `check` bases its warnings on it.
+
+        Args:
+            worlds: instances of `World`.
+
+        Returns:
+            The vocabulary, with conditions (`to_start`, `to_succeed`) and bounds of keys that hold
+            in all of these worlds.
+        """
+        return self.schema.vocabulary
+
+    def prepare(self) -> None:
+        """Loads and compiles what episodes need. Called before each, outside its time limit."""
+
+    def about(self, seed: int | None = None) -> str:  # noqa: ARG002
+        """Describes the world in sentences, for prompts.
+
+        Args:
+            seed: of the world; None: in general.
+
+        Returns:
+            The length of an episode and what the world is like; "" for nothing.
+        """
+        return ""
 
     def run_episode(
         self, tree: Node, seed: int, weights: Mapping[str, float], observer: Observer | None = None
@@ -302,5 +332,8 @@ class Domain(Protocol):
 
         Returns:
             The outcome, with the components and counters of the schema.
+
+        Raises:
+            NotImplementedError: in this class.
         """
-        ...
+        raise NotImplementedError

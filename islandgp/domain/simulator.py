@@ -17,18 +17,16 @@ episode's end, is closed, so that its `finally` runs.
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from copy import copy
 from math import isfinite
 from operator import ge, le
-from typing import Any, ClassVar, Protocol, Self
+from typing import Any, ClassVar, Protocol
 
 from pydantic import BaseModel
 
 from islandgp.bt.core.node import Node
 from islandgp.domain.checks import must_be_numbers, no_ending
-from islandgp.domain.contract import Observer, Outcome, Schema, wants_scenes
+from islandgp.domain.contract import Domain, Observer, Outcome, Schema, wants_scenes
 from islandgp.domain.rewards import EventLog, RewardTable
-from islandgp.domain.sensors import SensorFaults
 from islandgp.leaves import Leaf, compile_leaves
 
 
@@ -49,33 +47,14 @@ class Simulation(Protocol):
         ...
 
 
-class SimulatorDomain:
+class SimulatorDomain(Domain):
     """Base class of a domain whose episodes are `Episode(world, seed, log)`.
 
     `World` has the setting `ticks`: the maximum number of ticks of an episode, >= 1.
     """
 
-    World: ClassVar[type[BaseModel]]
     Rewards: ClassVar[type[BaseModel]] = RewardTable
     Episode: ClassVar[Callable[[Any, int, EventLog], Simulation]]
-    schema: Schema
-    step_s: float = 1.0  # simulated s of a tick
-    faults: SensorFaults | None = None  # between the world and the blackboard
-
-    def __init__(self, world: Any, rewards: RewardTable) -> None:
-        self.world = world
-        self.rewards = rewards
-
-    @classmethod
-    def make(cls, world: Any, rewards: RewardTable) -> Self:
-        """See `Domain`."""
-        return cls(world, rewards)
-
-    def with_sensors(self, faults: SensorFaults) -> Self:
-        """See `Domain`."""
-        changed = copy(self)
-        changed.faults = faults
-        return changed
 
     def about(self, seed: int | None = None) -> str:  # noqa: ARG002 -- for domains of many worlds
         """See `Domain`."""

@@ -10,7 +10,7 @@ from typing import Any, Final, Protocol, Self
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import Node
 from islandgp.bt.core.vocabulary import Vocabulary
-from islandgp.domain import Domain, Observer, Outcome, prepare
+from islandgp.domain import Domain, Observer, Outcome
 from islandgp.errors import RAISE_LIMIT, EvaluationError, RunError, TimeLimitError, brief
 from islandgp.evaluation.perturbation import Perturbation, PerturbedWorlds, staged
 from islandgp.gate import must_be_known_code
@@ -198,7 +198,7 @@ def simulate(problem: Problem, job: Job, limit: float = 0) -> Outcome:
     weights = problem.curriculum.multipliers(job.stage)
     try:
         tree = job.node or _tree(job.tree, problem.domain.schema.vocabulary)
-        prepare(problem.domain)
+        problem.domain.prepare()
         with time_limit(limit):
             domain = problem.in_world(job.stage, job.seed)
             observer = problem.observer and problem.observer(tree, domain.schema.vocabulary)

@@ -16,7 +16,6 @@ from pydantic import BaseModel, Field, FiniteFloat, ValidationError, field_valid
 from islandgp.domain import MAX_DELAY, Domain, Schema, SensorFaults
 from islandgp.errors import IslandError, brief
 from islandgp.plain import RISING, flatten
-from islandgp.plugin import path_of
 from islandgp.seeding import Stream, stream
 
 CACHE_SIZE: Final = 64  # size of a process's cache of perturbed domains
@@ -74,11 +73,6 @@ class Perturbation(BaseModel, frozen=True, extra="forbid"):
             yield (
                 f"perturb.delay: expected at most {schema.delay} ticks, as the domain declares,"
                 f" found {self.delay}"
-            )
-        if self.sensors() is not None and not hasattr(factory, "with_sensors"):
-            yield (
-                f"perturb: expected {path_of(factory)} with a method with_sensors, found none; add"
-                " it, or leave noise and delay out"
             )
 
     def _wrong_ranges(self, settings: Mapping[str, Any]) -> Iterator[str]:

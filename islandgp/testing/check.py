@@ -26,7 +26,7 @@ import yaml
 
 from islandgp.bt.core.language import domain_of, parse
 from islandgp.bt.core.node import SUCCESS, Limits, Node, ParallelArgs, leaf, sequence
-from islandgp.domain import Domain, Observer, Outcome, prepare
+from islandgp.domain import Domain, Observer, Outcome
 from islandgp.errors import IslandError, TimeLimitError
 from islandgp.gp.random_trees import TreeSettings, TreeSpace, random_tree
 from islandgp.plugin import raised_in
@@ -141,7 +141,7 @@ class Check:
             The outcome.
         """
         domain = domain or self.domain
-        prepare(domain)
+        domain.prepare()
         with time_limit(self.timeout):
             outcome = domain.run_episode(tree, seed, weights or {}, observer)
         assert isinstance(outcome, Outcome), f"Expected an Outcome, found {outcome!r:.80}"

@@ -10,7 +10,7 @@ from typing import Final, NamedTuple
 
 from islandgp.bt.core.engine import ABORTED
 from islandgp.bt.core.node import AGAIN, FAILURE, RUNNING, SUCCESS, Node, size
-from islandgp.domain import Outcome, Scene, Schema, prepare
+from islandgp.domain import Outcome, Scene, Schema
 from islandgp.errors import DomainError
 from islandgp.evaluation.base import Problem, in_floats
 from islandgp.leaves import is_number
@@ -77,7 +77,7 @@ def record(tree: Node, problem: Problem, *, seed: int, stage: int, limit: float 
     schema = domain.schema
     recorder = Recorder(tree, schema)
     weights = problem.curriculum.multipliers(stage)
-    prepare(domain)
+    domain.prepare()
     with time_limit(limit):
         outcome = domain.run_episode(tree, seed, weights, recorder)
     ticks = recorder.finish()

@@ -297,7 +297,7 @@ class Broken:
 def test_points_must_be_finite_and_not_huge(points: float) -> None:
     """Statistics could not be made of them."""
     setting: Any = SimpleNamespace(
-        domain=None,
+        domain=SimpleNamespace(prepare=lambda: None),
         curriculum=SimpleNamespace(multipliers=lambda _: {}),
         observer=None,
         in_world=lambda *_: SimpleNamespace(
@@ -311,7 +311,7 @@ def test_points_must_be_finite_and_not_huge(points: float) -> None:
 def test_an_error_names_the_line_of_the_user_s_code() -> None:
     """Where it was raised, among all that the program itself called."""
     setting: Any = SimpleNamespace(
-        domain=None,
+        domain=SimpleNamespace(prepare=lambda: None),
         curriculum=SimpleNamespace(multipliers=lambda _: {}),
         in_world=lambda *_: Broken(),
         observer=None,

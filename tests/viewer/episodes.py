@@ -15,7 +15,17 @@ from islandgp.bt.core.engine import compile_tree
 from islandgp.bt.core.language import parse
 from islandgp.bt.core.node import RUNNING, SUCCESS, Limits, Node, size
 from islandgp.bt.core.vocabulary import Action, Vocabulary, flag, number
-from islandgp.domain import Event, Observer, Outcome, RewardTable, Scene, Schema, Shape, ShapeStyle
+from islandgp.domain import (
+    Domain,
+    Event,
+    Observer,
+    Outcome,
+    RewardTable,
+    Scene,
+    Schema,
+    Shape,
+    ShapeStyle,
+)
 from islandgp.domains.island.vocabulary import VOCABULARY
 from islandgp.evaluation.base import Problem
 from islandgp.gp.random_trees import TreeSpace, random_tree
@@ -63,7 +73,7 @@ def random_of_size(nodes: int) -> Node:
 
 
 @dataclass
-class Small:
+class Small(Domain):
     """Twenty ticks of a robot that goes or stays, with the scenes that a test gives it."""
 
     World: ClassVar[type[BaseModel]] = BaseModel

@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Final
 
 from islandgp.domain import (
     Condition,
+    Domain,
     Node,
     Observer,
     Outcome,
     RewardTable,
     Scene,
     Shape,
-    SimulatorDomain,
     Vocabulary,
     wants_scenes,
 )
@@ -41,11 +41,10 @@ EARNED_BY: Final[Mapping[str, str]] = {
 GOAL_SIZE: Final = 1.5  # m, in pictures
 
 
-class Island(SimulatorDomain):
+class Island(Domain):
     """The island of section 2.2.2, in pymunk; its episodes skip ticks that change nothing."""
 
-    World = settings.IslandWorld
-    schema = SCHEMA
+    World, Rewards, schema = settings.IslandWorld, RewardTable, SCHEMA
 
     def __init__(self, world: settings.IslandWorld, rewards: RewardTable) -> None:
         """Raises ConfigError if obstacles do not fit."""
@@ -53,8 +52,7 @@ class Island(SimulatorDomain):
         obstacles(world)
         self.step_s = world.episode.step
 
-    @classmethod
-    def vocabulary_in(cls, worlds: Sequence[settings.IslandWorld]) -> Vocabulary:
+    def vocabulary_in(self, worlds: Sequence[settings.IslandWorld]) -> Vocabulary:
         """See `Domain`: the greatest `capacity` and `charge_below` of the worlds are bounds."""
         keys, actions = dict(VOCABULARY.keys), dict(VOCABULARY.actions)
         room, charge = "robotCurrentExtraCapacity", "ExecuteCharge"

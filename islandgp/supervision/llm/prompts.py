@@ -165,7 +165,6 @@ def fixed_values(context: RunContext, library: Library) -> dict[str, Any]:
 
 def about(domain: Domain, seed: int | None = None) -> str:
     """A domain's description of its world, or what a seed's world has besides; "" for none."""
-    method = getattr(domain, "about", lambda *_: "")
-    general = str(method())
-    own = general if seed is None else str(method(seed))
+    general = domain.about()
+    own = general if seed is None else domain.about(seed)
     return "" if seed is not None and own == general else own
