@@ -96,10 +96,10 @@ EPISODES = [
      'Expected why the episode is over from `step`, a text, or "" to continue, found 1',
      "def step"),
     ('"blocks_left": self.world.blocks - self.placed}', '"blocks_left": "3"}',
-     "Expected a number of at least 0 and at most 9 as the value of the key blocks_left from"
+     "Expected a whole number of at least 0 and at most 9 as the value of the key blocks_left from"
      " `sense`, found '3'", "def sense"),
     ('"blocks_left": self.world.blocks - self.placed}', '"blocks_left": -1}',
-     "Expected a number of at least 0 and at most 9 as the value of the key blocks_left from"
+     "Expected a whole number of at least 0 and at most 9 as the value of the key blocks_left from"
      " `sense`, found -1", "def sense"),
     ('"blocks_left": self.world.blocks - self.placed}', '"blocks_left": 1, "blocks_lft": 2}',
      "Expected values of declared keys from `sense`, found 'blocks_lft'; perhaps blocks_left is"
