@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from array import array
 from collections import Counter
 from collections.abc import Sequence
 from enum import StrEnum
@@ -85,7 +86,8 @@ class Record(Observer):
 
     def tick(self, board: Sequence[float], scene: Any) -> None:
         self.ticks += 1
-        self.trace = hash((self.trace, *board, getattr(scene, "movers", ())))
+        seen = array("d", board).tobytes(), getattr(scene, "movers", ())  # -1 and -2 hash alike
+        self.trace = hash((self.trace, *seen))
         self._look_at_board(board)
         if isinstance(scene, Scene):
             self._look_at_scene(scene)
