@@ -14,13 +14,11 @@ from islandgp.bt.core.node import FAILURE, SUCCESS
 class Sort(Enum):
     """Type of an argument."""
 
-    NAME = auto()  # of an action
     CONDITION = auto()  # a ConditionExpr
     COUNT = auto()  # a whole number within `range`
     SECONDS = auto()  # a number within `range`
     WORD = auto()  # one of `words`
     POLICY = auto()  # one of `words`, or a whole number within `range`
-    VALUES = auto()  # of the arguments of an action
     ASSIGNMENT = auto()  # a Condition with the operator =
 
 
@@ -69,7 +67,7 @@ class NodeKind:
     tick: Maker
     children: tuple[int, int] = (1, 1)  # fewest and most
     args: type[Any] = tuple  # the class of Node.args
-    arguments: tuple[Argument, ...] = ()  # the fields of args, in order
+    arguments: tuple[Argument, ...] = ()  # the fields of args, in order; not of an action
 
     advance_status: int | None = None
     """Of a selector or sequence: the status of a child with which the next one starts."""

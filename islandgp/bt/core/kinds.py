@@ -311,7 +311,6 @@ KINDS: Final[dict[str, NodeKind]] = {
         meaning="acts on the world",
         children=(0, 0),
         args=ActionArgs,
-        arguments=(Argument("name", Sort.NAME), Argument("values", Sort.VALUES)),
         tick=closures.action,
         look=Look("", "green", "#d6f1e6", "#00775a", "round"),
     ),
