@@ -83,7 +83,7 @@ def watch_command(run: Path, open_browser: bool | None) -> None:
     check_folder(run)
     folder = RunFolder(run)
     if not run.is_dir() or not folder.begun() or folder.about() is None:
-        below = next((file.parent for file in run.rglob("about.json")), None)
+        below = next((each.path for each in run_folders(run)), None)
         inside = "none" if below is None else f"runs below it, as {below}"
         raise RunError(f"Expected a run in {run}, found {inside}; give a run's own folder.")
     status, took = _write(folder)

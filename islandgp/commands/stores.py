@@ -78,7 +78,7 @@ def sync_command(folders: tuple[Path, ...], uri: str | None, experiment: str) ->
     "--uri", help="The store: sqlite:///FILE or http://...; default: that of the configuration."
 )
 @with_experiment_option
-@click.option("--port", default=5000, help="Port of the server.")
+@click.option("--port", type=click.IntRange(1, 65535), default=5000, help="Port of the server.")
 @with_config_dir_option
 def ui_command(uri: str | None, experiment: str, port: int) -> None:
     """Serve the MLflow pages and print the address of the runs page."""

@@ -56,6 +56,7 @@ def test_no_words_show_the_help(islandgp: Cli) -> None:
             "islandgp: play: invalid value for '--seeds' / '--worlds':",
         ),
         (["play", "-", "--timeout", "nan"], "islandgp: play: invalid value for '--timeout': 'nan'"),
+        (["ui", "--port", "70000"], "islandgp: ui: invalid value for '--port': 70000 is not in"),
         (["show", "t.bt"], "islandgp: show: invalid value for 'FILE': File 't.bt' does not exist"),
         (["show", "-", "x"], "islandgp: show: got unexpected extra argument (x); `islandgp show"),
         (
