@@ -53,6 +53,11 @@ class ConstantSettings(EditorSettings, frozen=True, extra="forbid"):
     """A counter in the requirements of a milestone. None: the counter of the first behaviour in
     `classes.hardest`, or else the first counter of the easiest milestone."""
 
+    @property
+    def reads(self) -> dict[str, tuple[str, ...]]:
+        """See `Supervisor`."""
+        return {**super().reads, "edits": ("library", "supervisor.policy.counter")}
+
 
 class Constant(Editor):
     """Adds branches for the same counter in every generation."""
@@ -96,6 +101,12 @@ class Constant(Editor):
 
 class EditorYokedSettings(EditorSettings, YokedSettings, frozen=True, extra="forbid"):
     """The editor's settings, and the folder of the other run."""
+
+    @property
+    def reads(self) -> dict[str, tuple[str, ...]]:
+        """See `Supervisor`."""
+        names = (f"supervisor.policy.{name}" for name in YokedSettings.model_fields)
+        return {**super().reads, "edits": ("library", *names)}
 
 
 class EditorYoked(Editor):
