@@ -1,4 +1,4 @@
-"""`manifest.json`: size and SHA-256 of each file of a finished run.
+"""`manifest.json`: the SHA-256 of each file of a finished run.
 
 It is written before summary.json, which marks a run as finished; so every finished run has one.
 The page run.html has no entry: it is written again before it is opened or sent.
@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterator
-from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Final
 
@@ -38,35 +37,20 @@ CHANGED, MISSING, ADDED = "changed", "missing", "added"
 """What may have happened to a file."""
 
 
-@dataclass(frozen=True, slots=True)
-class ManifestEntry:
-    """Size and checksum of a file at the end of the run."""
-
-    bytes: int
-    sha256: str
-
-
-@dataclass(frozen=True, slots=True)
-class Manifest:
-    """Content of manifest.json."""
-
-    files: dict[str, ManifestEntry]  # by name
-
-
 def write_manifest(folder: Path, summary: bytes) -> None:
     """Writes the manifest of a run's files, including the summary, which is written after it."""
-    entries = {name: _entry(folder / name) for name in _names(folder)}
-    entries["summary.json"] = ManifestEntry(len(summary), hashlib.sha256(summary).hexdigest())
-    write_atomic(folder / NAME, pretty(asdict(Manifest(entries))))
+    digests = {name: _digest(folder / name) for name in _names(folder)}
+    digests["summary.json"] = hashlib.sha256(summary).hexdigest()
+    write_atomic(folder / NAME, pretty(digests))
 
 
-def read_manifest(folder: Path) -> dict[str, ManifestEntry]:
-    """The entries of a finished run's files by name. Raises RunError: damaged or deleted."""
+def read_manifest(folder: Path) -> dict[str, str]:
+    """The digests of a finished run's files by name. Raises RunError: damaged or deleted."""
     file = folder / NAME
     if not file.exists():
         raise damaged("the checksums of a finished run", file, MISSING)
     with reading("the checksums of a finished run", file):
-        return from_json(Manifest, read_json(read_bytes(file))).files
+        return from_json(dict[str, str], read_json(read_bytes(file)))
 
 
 def damaged_files(folder: Path, read: str | None = None) -> dict[str, str]:
@@ -77,13 +61,13 @@ def damaged_files(folder: Path, read: str | None = None) -> dict[str, str]:
     """
     if not (folder / NAME).exists():
         return {NAME: MISSING}
-    entries, found = read_manifest(folder), {}
-    for name in sorted({*entries, *REQUIRED, *_names(folder)} - UNLISTED):
+    digests, found = read_manifest(folder), {}
+    for name in sorted({*digests, *REQUIRED, *_names(folder)} - UNLISTED):
         if not (folder / name).is_file():
             found[name] = MISSING
-        elif name not in entries:
+        elif name not in digests:
             found[name] = ADDED
-        elif read in (None, name) and _entry(folder / name) != entries[name]:
+        elif read in (None, name) and _digest(folder / name) != digests[name]:
             found[name] = CHANGED
     return found
 
@@ -103,7 +87,6 @@ def _names(folder: Path) -> Iterator[str]:
             yield file.name
 
 
-def _entry(file: Path) -> ManifestEntry:
+def _digest(file: Path) -> str:
     with opened(file) as stream:
-        digest = hashlib.file_digest(stream, "sha256").hexdigest()
-        return ManifestEntry(stream.tell(), digest)
+        return hashlib.file_digest(stream, "sha256").hexdigest()

@@ -249,7 +249,7 @@ EXPECTED: Final = {
     ("about.json", ("title",), "<script>"): {"watch": "run.html"},
     ("about.json", ("id",), None): {"verify": "id: field required", "watch": "id: field"},
     ("summary.json", ("champion", "tree"), 7): {"best": "champion.tree: input should be"},
-    ("manifest.json", ("files", "best.bt"), None): {"verify": "best.bt: added"},
+    ("manifest.json", ("best.bt",), None): {"verify": "best.bt: added"},
     ("costs.jsonl", ("at",), "x"): {"sync": "at: input should be a valid"},
     ("../sweep.json", ("jobs", 0, "folder"), "../../outside"): {
         "sync": "the job '../../outside' is not in"
