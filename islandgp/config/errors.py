@@ -112,13 +112,16 @@ def unknown_option(group: str, option: str, options: Sequence[str]) -> str:
     return f"{group}={option}: unknown option; {hint}there are {', '.join(options)}"
 
 
-def unknown_key(path: str, config: Any, elsewhere: Callable[[], str] = str) -> str:
+def unknown_key(
+    path: str, config: Any, elsewhere: Callable[[], str] = str, others: Sequence[str] = ()
+) -> str:
     """The message for a dotted key that `config` does not have.
 
     It names a key that is spelt almost so, or the option that has it as `elsewhere` finds it, or a
-    key of the same name in another place.
+    key of the same name in another place, but none of the `others` that are unknown as well.
     """
-    keys = [key for key in _keys(config) if not f"{key}.".startswith(f"{path}.")]
+    unknown = tuple(f"{each}." for each in (path, *others))
+    keys = [key for key in _keys(config) if not f"{key}.".startswith(unknown)]
     last = [key for key in keys if key.rpartition(".")[2] == path.rpartition(".")[2]]
     near = get_close_matches(path, keys, 1, 0.85)
     if not near and (option := elsewhere()):
@@ -162,6 +165,7 @@ def error_lines(
     paths = [".".join(str(part) for part in ((at, *e["loc"]) if at else e["loc"])) for e in details]
     # A key without a value may be the one that is meant by an unknown one.
     missing = {p: None for p, e in zip(paths, details, strict=True) if e["type"] == "missing"}
+    unknown = [p for p, e in zip(paths, details, strict=True) if e["type"] == "extra_forbidden"]
     for path, e in zip(paths, details, strict=True):
         if e["type"] == "too_short" and e["loc"] in inside:
             continue  # errors within items are reported only once
@@ -169,7 +173,8 @@ def error_lines(
         if e["type"] == "extra_forbidden":
             parent, _, name = path.rpartition(".")
             meant = {f"{parent}.{n}": None for n in get_close_matches(name, fields, 1, 0.8)}
-            yield unknown_key(path, {**({at: config} if at else config), **missing, **meant})
+            keys = {**({at: config} if at else config), **missing, **meant}
+            yield unknown_key(path, keys, others=unknown)
         elif e["type"] == "value_error":
             colon = "." if re.match(r"[a-z0-9_.]+: ", message) else ": "  # it begins with a key
             yield f"{path}{colon}{message}" if path else message

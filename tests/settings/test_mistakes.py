@@ -214,6 +214,7 @@ ONE_LINE = [
     (["runs=~/x"],
      "runs=~/x: expected KEY=VALUE, found what cannot be read (LexerNoViableAltException: runs"),
     (["world.chargers=[[1,2,3]]"], "world.chargers.0=[1, 2, 3]: tuple should have at most 2 items"),
+    (["+classes.foo=1", "+world.foo=1"], "classes.foo: unknown key; --cfg job prints those there"),
     (["+classes.tiers.courier={atleast:{distance:1}}"],
      "classes.tiers.courier.atleast: unknown key; did you mean classes.tiers.courier.at_least?"),
     (["+classes.tiers.Courier={at_least:{distance:1}}"],
