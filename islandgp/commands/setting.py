@@ -6,8 +6,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import dataclass
-from functools import cache, reduce
-from operator import getitem
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Final
 
@@ -60,19 +59,21 @@ _job_of_trees = cache(_job)
 def settings_of(source: TreeText, options: DomainOptions) -> Settings:
     """The settings for a tree: those of a run, or of the domain that options or text choose.
 
-    The run is that of --run, or the one in whose folder the tree is; --set changes its settings.
+    The run is that of --run, or the one in whose folder the tree is: what its episodes depend on is
+    as recorded, unless --set changes it.
 
     Raises:
         ConfigError, DomainError: the configuration is invalid, or has no domain of this name.
         RunError: the run is damaged, or names code that the user's configuration does not name.
     """
-    run = options.run or source.folder or Path()
-    is_run = options.run is not None or (run / "about.json").is_file()
-    overrides = _for_tree(source, options)
+    run, overrides = options.run or source.folder or Path(), _for_tree(source, options)
+    names = ("about.json", "config.yaml")
+    is_run = options.run is not None or all((run / name).is_file() for name in names)
     if is_run and not _keys_of(overrides) & _CHOOSES:
-        name = (about.tags if (about := RunFolder(run).about()) else {}).get("domain")
-        known = domain_files(options.config_dir)
-        overrides = (*overrides, f"domain={name}") if name in known else overrides
+        about = RunFolder(run).about()
+        domain = about.tags.get("domain") if about else None
+        if domain in domain_files(options.config_dir):
+            overrides = (*overrides, f"domain={domain}")
     job = _job_of_trees(overrides, options.config_dir)
     return _as_recorded(run, job, options) if is_run else job.settings
 
@@ -88,9 +89,12 @@ def _as_recorded(run: Path, job: Planned, options: DomainOptions) -> Settings:
     with user_folder(options.config_dir):
         must_be_known_code(config)
     with reading("a run's configuration", run / "config.yaml"):
-        for *groups, name in (key.split(".") for key in given):
-            if groups and groups[0] in config:
-                reduce(getitem, groups, config)[name] = reduce(getitem, [*groups, name], job.config)
+        for group, *inner, name in (key.split(".") for key in given if "." in key):
+            if group in config:
+                old, new = config[group], job.config[group]
+                for part in inner:
+                    old, new = old[part], new[part]
+                old[name] = new[name]
     return read_settings({**job.config, **config})
 
 
