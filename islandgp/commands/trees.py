@@ -237,7 +237,7 @@ def import_command(
             imported = read_tree(text, vocabulary, name=name, tree=identity, folder=folder)
         else:
             tree = from_json(text, vocabulary, name=name)
-            imported = Imported(tree, (), to_text(tree))
+            imported = Imported(tree, {}, to_text(tree))
     except TreeError as error:
         if options.overrides or options.declaration or vocabulary.domain != default_domain():
             raise
@@ -247,7 +247,7 @@ def import_command(
         ) from None
     losses = [
         f"{name}:{line}:{column}: not the same ({about}): there, {DIFFERENCES[about]}"
-        for line, column, about in imported.differences
+        for about, (line, column) in imported.differences.items()
     ]
     if strict and losses:
         raise TreeError(

@@ -46,7 +46,7 @@ def inside(xml: str) -> Imported:
 
 
 def table_of(imported: Imported) -> str:
-    return ", ".join(sorted(d.about for d in imported.differences))
+    return ", ".join(sorted(imported.differences))
 
 
 @pytest.mark.parametrize("name", SHAPES)

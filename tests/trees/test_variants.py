@@ -71,7 +71,7 @@ STATED = {
 def test_exact(body: str) -> None:
     """Read without a difference, and back from an export."""
     tree, differences, _ = read(body)
-    assert (tree, differences) == (parse(EXACT[body], VOCABULARY), ())
+    assert (tree, differences) == (parse(EXACT[body], VOCABULARY), {})
     assert read_tree(to_xml(tree, VOCABULARY), VOCABULARY).tree == tree
 
 
@@ -81,7 +81,7 @@ def test_stated(body: str) -> None:
     tree, differences, _ = read(body)
     text, about = STATED[body]
     assert tree == parse(text, VOCABULARY)
-    assert [each.about for each in differences] == [about]
+    assert [*differences] == [about]
 
 
 @pytest.mark.parametrize("body", EXACT)

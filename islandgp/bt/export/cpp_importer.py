@@ -7,7 +7,7 @@ from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from itertools import islice
 from pathlib import Path
-from typing import Final, NamedTuple, NoReturn, TypeAlias, TypeVar
+from typing import Final, NoReturn, TypeAlias, TypeVar
 
 from islandgp.bt.analysis.context import without_interrupts
 from islandgp.bt.analysis.names import fresh_name
@@ -114,14 +114,6 @@ _DIFFERING: Final = {
 """Tags whose nodes always differ."""
 
 
-class Difference(NamedTuple):
-    """A difference with its first place in the file."""
-
-    line: int
-    column: int
-    about: str  # of DIFFERENCES
-
-
 def notes_of(element: Element) -> list[str]:
     """The comments above an element, and its attributes without a meaning, as comments."""
     lines = [line.strip() for comment in element.comments for line in comment.splitlines()]
@@ -182,7 +174,7 @@ class Importer:
         self.readers, self.root, self.vocabulary = readers, root, vocabulary
         self.words = None if any_key else vocabulary  # of scripts
         self.used: list[Args] = []  # what has been read with keys
-        self.differences: dict[str, Difference] = {}
+        self.differences: dict[str, tuple[int, int]] = {}  # first line and column of each
         self._trees = XmlTrees(root, folder)
         self._passed: dict[str, str] = {}  # texts and {entries} by the keys of the present tree
         self._done: dict[tuple[str, frozenset[tuple[str, str]]], Node] = {}
@@ -361,7 +353,7 @@ class Importer:
 
     def differs(self, element: Element, about: str) -> None:
         """Notes a difference of DIFFERENCES."""
-        self.differences.setdefault(about, Difference(element.line, element.column, about))
+        self.differences.setdefault(about, (element.line, element.column))
 
 
 def literal(text: str) -> str:

@@ -12,6 +12,7 @@ from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from itertools import takewhile
+from operator import itemgetter
 from pathlib import Path
 from typing import Any, Final, NamedTuple
 
@@ -43,7 +44,6 @@ from islandgp.bt.export.cpp_importer import (
     ALWAYS,
     GATES,
     TRUE,
-    Difference,
     Importer,
     Reader,
     check,
@@ -75,7 +75,8 @@ class Imported(NamedTuple):
     """A tree with the differences in meaning from the file, each kind once."""
 
     tree: Node
-    differences: tuple[Difference, ...]  # in the order of the file
+    differences: Mapping[str, tuple[int, int]]
+    """Those of DIFFERENCES, in the order of the file, with their first line and column."""
     text: str  # the tree with its SubTrees as named subtrees
 
 
@@ -106,7 +107,8 @@ def read_tree(
     # The text of the tree is parsed, as only the parser checks a whole tree.
     tree_text = with_subtrees(commented(root, notes_of(importer.root)))
     checked = parse(tree_text, vocabulary, name=f"{name}, as text")
-    return Imported(checked, tuple(sorted(importer.differences.values())), tree_text)
+    places = sorted(importer.differences.items(), key=itemgetter(1))
+    return Imported(checked, dict(places), tree_text)
 
 
 def args_of(root: Element, leaves: Vocabulary, folder: Path | None = None) -> list[Args]:
