@@ -14,11 +14,11 @@ from types import CellType, FunctionType
 from typing import Any, TypeAlias
 
 from islandgp.bt.core.condition import ConditionExpr, condition, terms
-from islandgp.bt.core.engine import compile_tree
+from islandgp.bt.core.engine import Guard, compile_tree
 from islandgp.bt.core.node import Node, guard_of, walk
 from islandgp.bt.core.vocabulary import Key, Vocabulary
 
-State: TypeAlias = tuple[tuple[Any, ...], tuple[tuple[Any, ...], ...]]
+State: TypeAlias = tuple[tuple[Any, ...], tuple[tuple[Any, ...], ...], tuple[bool | None, ...]]
 Ticked: TypeAlias = set[tuple[int, int]]  # (place of an action, index of a blackboard)
 
 
@@ -45,10 +45,11 @@ class Engine:
         self.tick = compile_tree(tree, Leaves(), self.board, vocabulary.key_index, step_s=1.0)
         self._cells: list[CellType] = []
         self._lists: list[list[Any]] = []
+        self._guards: list[Guard] = []
         self._find(self.tick, set())
 
     def _find(self, value: Any, visited: set[int]) -> None:
-        """Finds the cells and lists below a closure in which its state is."""
+        """Finds the cells, lists and guards below a closure in which its state is."""
         if id(value) in visited or value is self.board or value is self.calls:
             return
         visited.add(id(value))
@@ -59,6 +60,8 @@ class Engine:
                 elif id(cell) not in visited:
                     visited.add(id(cell))
                     self._cells.append(cell)
+        elif isinstance(value, Guard):
+            self._guards.append(value)
         elif isinstance(value, list) and all(isinstance(v, int | float | None) for v in value):
             self._lists.append(value)
         elif isinstance(value, list | tuple):
@@ -67,7 +70,8 @@ class Engine:
 
     def state(self) -> State:
         """What the tree remembers."""
-        return tuple(c.cell_contents for c in self._cells), tuple(map(tuple, self._lists))
+        cells = tuple(cell.cell_contents for cell in self._cells)
+        return cells, tuple(map(tuple, self._lists)), tuple(guard.truth for guard in self._guards)
 
     def restore(self, state: State) -> None:
         """Puts a state back."""
@@ -75,6 +79,8 @@ class Engine:
             cell.cell_contents = value
         for values, before in zip(self._lists, state[1], strict=True):
             values[:] = before
+        for guard, truth in zip(self._guards, state[2], strict=True):
+            guard.truth = truth
 
 
 def every_tick(
