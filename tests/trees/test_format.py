@@ -158,3 +158,5 @@ sequence { use say("low") Say(what: "open") }
     assert parse(tidy, SPEAKER) == parse(text, SPEAKER)
     assert format_text(tidy) == tidy
     assert "Say(what: open)" in tidy
+    plain = parse(text)  # its canonical text has no constants, and needs no quotes
+    assert parse(to_text(plain)) == plain

@@ -310,7 +310,8 @@ class NodeBuilder:
             if word.type == "NUMBER" or (word.type == "NAME" and word.text in self.constants):
                 return self.number(token)
             is_defined = word.text in self.values or word.text in self.constants
-            return f'"{word.text}"' if word.type == "FILE" and is_defined else word.text
+            keeps_quotes = self._named and word.type == "FILE" and is_defined
+            return f'"{word.text}"' if keeps_quotes else word.text
         parameters = self.vocabulary.actions[action].arguments
         if key not in parameters:
             ranges = "; ".join(f"{name}: {value_range(each)}" for name, each in parameters.items())
