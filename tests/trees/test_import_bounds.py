@@ -49,7 +49,7 @@ def short_xml(text: str) -> str:
 def test_every_export_comes_back(tree: Node) -> None:
     """Reading what was written gives the tree again, and nothing is lost on the way."""
     if not any(node.kind == "cooldown" for node in walk(tree)):  # which XML has no node for
-        assert read_tree(to_xml(tree), VOCABULARY)[:2] == (tree, ())
+        assert read_tree(to_xml(tree), VOCABULARY)[:2] == (tree, {})
 
 
 LOST = {
