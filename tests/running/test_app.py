@@ -80,7 +80,6 @@ def test_what_a_runs_folder_is_called() -> None:
         "supervisor=llm",
         "supervisor.policy.base_url=http://localhost:11434",
         "supervisor.policy.temperature=0.2",
-        "supervisor.policy.api_key=secret",
         "supervisor.edits=1",
         "supervisor.edits=2",
         "evaluator=serial",
