@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 from math import isnan
 from pathlib import Path
@@ -235,14 +234,13 @@ def build(
 
 def _tables(report: Report) -> dict[str, DataFrame]:
     study, rows = report.study, report.rows
-    makers: dict[str, Callable[[Comparison], DataFrame]] = {
-        "arms": tables.arms_table,
-        "components": tables.components_table,
-        "origins": tables.origins_table,
-        "behaviours": tables.behaviours_table,
-        "costs": tables.costs_table,
+    found = {
+        "arms": tables.arms_table(study),
+        "components": tables.components_table(study),
+        "origins": tables.origins_table(study),
+        "behaviours": tables.behaviours_table(study),
+        "costs": tables.costs_table(study),
     }
-    found = {key: make(study) for key, make in makers.items()}
     for a, b in study.pairs:
         of_pair = rows[(rows["first"] == a.name) & (rows["second"] == b.name)]
         planned = report.primary if (a.name, b.name) == study.names[:2] else None

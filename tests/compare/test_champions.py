@@ -4,16 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from pathlib import Path
+
+import pytest
 
 from islandgp.compare.champions import (
+    best_trees,
     champion_measures,
     evaluate_champions,
     library_trees,
+    runs_of_one_task,
     unseen_worlds,
     with_champions,
 )
 from islandgp.compare.comparable import Comparison, compare_arms
 from islandgp.domain import Outcome
+from islandgp.errors import RunError
 from islandgp.evaluation.base import Job, Problem
 from islandgp.evaluation.serial import Serial
 from islandgp.records.folder import RunFolder
@@ -139,3 +145,44 @@ def test_library_trees_are_beside_the_best_robots() -> None:
     names = [*library_trees(config()).values()]
     assert names[:2] == ["library: all_rounder", "library: multi_behaviour"]
     assert len(names) > 2
+
+
+def test_the_best_by_validation_are_tested_in_worlds_of_their_own(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Equal trees once, runs without a validation last, and no more than there may be."""
+    monkeypatch.setattr("islandgp.compare.champions.MOST", 3)
+    records = [*RunFolder(fake_run(generations=4).path).generations()]
+    for name, tree, mean in (
+        ("a", "PatrolWaypoint\n", 5.0),
+        ("b", "SeekCharger\n", 7.0),
+        ("c", "SeekCharger\n", 6.0),
+        ("d", "ExecuteCharge\n", None),
+        ("e", "PickupGarbage\n", 1.0),
+    ):
+        result = None if mean is None else validated(mean, 9)
+        best = individual("0.0", tree=tree)
+        written(tmp_path / name, records, config(), champion=best, validation=result)
+    recorders: list[Recorder] = []
+
+    def make(setting: Problem) -> Recorder:
+        recorders.append(Recorder(setting))
+        return recorders[-1]
+
+    rows = best_trees(runs_of_one_task(tmp_path), make, 2)
+    assert [*rows[rows["evolved"]]["name"]] == ["b", "a", "e"]
+    assert rows["name"].iloc[-1].startswith("library: ")
+    assert rows["difference"].iloc[0] == 0
+    used = {world for record in records for world in record.worlds} | {9}
+    assert not used & {job.seed for job in recorders[0].jobs}
+
+
+def test_runs_of_two_tasks_have_no_best_robot(tmp_path: Path) -> None:
+    """Their points are not worth the same; nor is there one of no run."""
+    records = [*RunFolder(fake_run(generations=4).path).generations()]
+    with pytest.raises(RunError, match="Expected a finished run in"):
+        runs_of_one_task(tmp_path)
+    written(tmp_path / "a", records, config())
+    written(tmp_path / "b", records, config(world__side=200))
+    with pytest.raises(RunError, match="Expected runs with the same world, found different ones"):
+        runs_of_one_task(tmp_path)

@@ -132,16 +132,6 @@ def test_the_best_robots_of_a_sweep(tmp_path: Path) -> None:
     assert "left out, as they are not finished: " in best(folder, "--worlds", "2").output
 
 
-@pytest.mark.slow
-def test_runs_of_different_worlds_have_no_best_robot(tmp_path: Path) -> None:
-    """Their points are not worth the same."""
-    for seed, length in ((3, 20), (4, 30)):
-        overrides = (f"runs={tmp_path}", f"seed={seed}", f"world.episode.length={length}")
-        islandgp.compose(*SHORT, *overrides).run()
-    (folder,) = tmp_path.iterdir()
-    assert "Expected runs with the same world" in str(best(folder).exception)
-
-
 def test_a_folder_without_a_finished_run(tmp_path: Path) -> None:
     """The message names what it needs."""
     assert "Expected a finished run" in str(best(tmp_path).exception)
