@@ -27,6 +27,9 @@ ADDRESSES: Final = {
 """Tables with addresses to which MLflow's server connects, and their columns."""
 
 
+LOCKED: Final = 60.0  # s to wait for another process that writes
+
+
 def keep_artifacts(file: Path | None, artifacts: str | None, tag: str) -> None:
     """Sets the place of the artifacts of all runs with a tag to a folder; for a server, nothing.
 
@@ -70,7 +73,7 @@ def location(folder: Path) -> str:
 
 def _open(file: Path) -> sqlite3.Connection:
     """A connection to a store. Raises TrackingError if it is not a store of MLflow."""
-    store = sqlite3.connect(f"{file.as_uri()}?mode=rw", uri=True)
+    store = sqlite3.connect(f"{file.as_uri()}?mode=rw", uri=True, timeout=LOCKED)
     try:
         names = {name for (name,) in store.execute("SELECT name FROM sqlite_master")}
     except sqlite3.DatabaseError:
