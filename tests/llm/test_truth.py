@@ -17,6 +17,7 @@ from islandgp.bt.core.engine import ABORTED
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import SUCCESS, Node, depth, size, walk
 from islandgp.config.settings import Settings
+from islandgp.domain import Domain
 from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.evaluation.base import Problem
 from islandgp.evaluation.serial import Serial
@@ -254,9 +255,9 @@ def test_a_domain_without_descriptions_has_run_facts() -> None:
     """`about` and `endings` may be missing."""
     run_context = context()
 
-    class Plain:
+    class Plain(Domain):
         schema = replace(SCHEMA, endings={})
 
-    plain = replace(run_context, schema=Plain.schema, domain_in=lambda _: Plain())  # type: ignore[arg-type, return-value]
+    plain = replace(run_context, schema=Plain.schema, domain_in=lambda _: Plain(None, None))
     assert "Why an episode ended" not in fixed_values(plain, plain.library())["episode"]
     assert "one episode a generation" in fixed_values(plain, plain.library())["episode"]
