@@ -46,6 +46,13 @@ MEANT = """selector {
 """
 
 
+def test_names_of_constants_are_in_no_canonical_text() -> None:
+    """Not even if an equal tree, whose numbers have their names, was read before."""
+    text = "constant low = 41.5\nwhen batteryLevel < low { SeekCharger }"
+    parse_placed(text, VOCABULARY)
+    assert to_text(parse(text, VOCABULARY)) == "when batteryLevel < 41.5 { SeekCharger }\n"
+
+
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     (tmp_path / "my lib").mkdir()

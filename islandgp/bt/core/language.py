@@ -189,7 +189,8 @@ def files_of(
 def _built(builder: Builder, parts: Sequence[ParsedFile]) -> Node:
     """The tree of a text. Raises LimitError if its canonical text is too long for `parse`."""
     node = builder.build(parts)
-    if (length := len(to_text(node))) > MAX_CHARACTERS:
+    # Not cached: an equal tree, without the names of its numbers, has another text.
+    if (length := len(to_text.__wrapped__(node))) > MAX_CHARACTERS:
         raise parts[-1].source.error(
             (1, 1),
             f"the tree's canonical text, each use expanded, has {length} characters",
