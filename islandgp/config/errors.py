@@ -81,6 +81,8 @@ def explain(error: Exception, overrides: Sequence[str], source: ConfigSource) ->
     text = str(error).partition("\nConfig search path:")[0]
     if isinstance(error, TypeError) and "is not an int" not in text:
         raise error
+    if isinstance(error, UnicodeDecodeError):  # it does not say in which file
+        return f"expected UTF-8, found another encoding in {_undecodable(source)}; save it as UTF-8"
     if (match := re.search(UNKNOWN_KEY, text)) and not source.options(match[1]):
         loader = source.loader()
         choices = [o for o in overrides if loader.get_group_options(o.partition("=")[0])]
@@ -103,6 +105,16 @@ def _elsewhere(key: str, choices: Sequence[str], source: ConfigSource) -> str:
             if OmegaConf.select(config, key) is not None:
                 return f"{group}={config.hydra.runtime.choices[group]}"
     return ""
+
+
+def _undecodable(source: ConfigSource) -> str:
+    """The first file of configuration that is not in UTF-8."""
+    for file in (file for folder in source.folders() for file in sorted(folder.rglob("*.yaml"))):
+        try:
+            file.read_text(encoding="utf-8")
+        except UnicodeDecodeError:
+            return str(file)
+    return "the configuration"
 
 
 def unknown_option(group: str, option: str, options: Sequence[str]) -> str:
