@@ -2,13 +2,14 @@
 
 import sys
 
-from islandgp.startup import leave, stop_before_work, without_blas_threads
+from islandgp.startup import collect_objects_rarely, leave, stop_before_work, without_blas_threads
 
 
 def script() -> None:
     """The console script: reads the command's words from sys.argv, and exits."""
     stop_before_work("SIGTERM", "SIGHUP")
     without_blas_threads()
+    collect_objects_rarely()
     from islandgp.cli import main
 
     try:
@@ -20,6 +21,7 @@ def script() -> None:
 if __name__ == "__main__":
     stop_before_work("SIGTERM", "SIGHUP")
     without_blas_threads()
+    collect_objects_rarely()
     try:
         from islandgp.running.app import main
     except (ImportError, AttributeError):
