@@ -147,7 +147,7 @@ def read_map(file: Path) -> RobotMap:
         raise ConfigError(
             f"{file}{place}: expected YAML with each key once, found: {found[:200]}; correct it"
         ) from None
-    if not isinstance(plain, dict):
+    if not isinstance(plain, dict) or not {"actions", "keys"} & {*plain}:
         raise ConfigError(f"{file}: expected `actions:` and `keys:`, found {str(plain)[:40]!r}")
     try:
         return RobotMap.model_validate(plain)

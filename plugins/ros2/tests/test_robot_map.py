@@ -56,7 +56,7 @@ def test_the_pages_map(page: Path) -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "actions: field required"),
+        ("", "expected `actions:` and `keys:`, found '{}'"),
         ("5", "expected YAML with each key once, found: a single value"),
         ("[5]", "expected `actions:` and `keys:`, found '[5]'"),
         ("actions: [", "expected YAML"),
