@@ -16,6 +16,7 @@ from islandgp.bt.core.node import Node
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import IslandError
 from islandgp.gate import check_file
+from islandgp.records.manifest import must_be_sound
 from islandgp.text_files import MAX_BYTES, decoded, read_text_file
 
 STDIN: Final = "-"
@@ -29,6 +30,8 @@ class _Input(click.Path):
         best = os.path.join(os.fsdecode(value), "best.bt")
         if os.path.isfile(best):  # False for a name that is too long
             check_file(Path(best))
+            if os.path.exists(os.path.join(value, "summary.json")):  # of a finished run
+                must_be_sound(Path(os.fsdecode(value)), "best.bt")
             value = best
         elif os.path.isdir(value):
             self.fail(f"{value!r} is a folder without best.bt; name a tree or a run's folder")

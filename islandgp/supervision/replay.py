@@ -12,7 +12,7 @@ from typing import ClassVar
 
 from pydantic import BaseModel
 
-from islandgp.errors import SupervisionError
+from islandgp.errors import SupervisionError, brief
 from islandgp.gate import must_be_known_code
 from islandgp.supervision.base import RunContext
 from islandgp.supervision.llm.calls import Calls
@@ -65,6 +65,6 @@ class Replay(Adviser):
         except ValueError as error:
             raise SupervisionError(
                 f"Expected the settings of a recorded run at the top of {path}, found"
-                f" {type(error).__name__}: {error}."
+                f" {'none' if not values else brief(error)}; give the transcript of a whole run."
             ) from None
         return cls(recorded, context, Calls(None, transcript, recorded, seed=context.seed))

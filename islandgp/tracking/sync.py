@@ -8,7 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Final
 
@@ -42,8 +42,12 @@ def place_from(uri: str, experiment: str) -> TrackingStore:
             f" MLFLOW_TRACKING_PASSWORD), found {cleaned(without_credentials(uri))!r} and"
             f" {experiment!r}."
         ) from None
-    file = TrackingStore.of(settings, Path.cwd()).file
-    return TrackingStore.of(settings, Path.cwd() if file is None else file.parent)
+    place = TrackingStore.of(settings, Path.cwd())
+    return (
+        place
+        if place.file is None
+        else replace(place, artifacts=str(place.file.with_name(settings.artifacts)))
+    )
 
 
 def place_of(folder: RunFolder, places: Iterable[TrackingStore]) -> TrackingStore | None:

@@ -154,6 +154,28 @@ def test_sync_sends_no_damaged_run(name: str, run: Path) -> None:
     assert not Path("mlflow.db").exists()
 
 
+@pytest.mark.parametrize(("name", "what"), [("config.yaml", "missing"), ("best.bt", "changed")])
+def test_the_tree_of_a_damaged_run_is_not_read(name: str, what: str, run: Path) -> None:
+    """A run's tree and its world are those of the end of the run, or the file is named."""
+    if what == "missing":
+        (run / name).unlink()
+    else:
+        change(run / name)
+    result = CliRunner().invoke(group, ["show", str(run)])
+    assert isinstance(result.exception, RunError) or result.exit_code == 2
+    assert f"{run / name}, found a damaged file ({what})" in f"{result.exception}{result.output}"
+
+
+def test_a_relative_store_in_another_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its artifacts are beside it."""
+    monkeypatch.chdir(tmp_path)
+    place = place_from("sqlite:///stores/mlflow.db", "islandgp")
+    assert place.file == tmp_path / "stores/mlflow.db"
+    assert place.artifacts == str(tmp_path / "stores/mlartifacts")
+
+
 @pytest.mark.parametrize("name", ["best.bt", "transcript.jsonl", ".lock", "generations.jsonl"])
 def test_a_link_is_neither_followed_nor_sent(name: str, run: Path, tmp_path: Path) -> None:
     """Whether or not the manifest has an entry for it; what it leads to stays as it is."""

@@ -39,6 +39,20 @@ def test_all_errors_of_a_file() -> None:
     assert [(e.line, e.column) for e in errors] == [(1, 18), (2, 24), (2, 44), (2, 69)]
 
 
+@pytest.mark.parametrize("divided", ["lap <= -1 and batteryLevel / lap > 1", "1 / lap > lap"])
+def test_a_divisor_that_has_no_value(divided: str) -> None:
+    """A condition whose key cannot have a value that fits is judged as any other."""
+    text = f"when {divided} {{ PatrolWaypoint }}"
+    found = [each.code for each in warnings(text, VOCABULARY)]
+    assert ("unreachable" in found) == ("-1" in divided)
+
+
+def test_a_quoted_text_in_the_place_of_an_action() -> None:
+    """It is shown whole."""
+    with pytest.raises(TreeError, match="unexpected '\"zurück\"'"):
+        parse('selector { "zurück" PatrolWaypoint }', VOCABULARY)
+
+
 @pytest.mark.parametrize(
     ("text", "line"),
     [

@@ -1,7 +1,8 @@
 """Simplifies a tree without changing its behaviour.
 
 The simplified tree calls the same actions in the same ticks and ends with the same statuses, on
-every blackboard and for all statuses that the vocabulary declares for the actions. Each rule has a
+every blackboard and for all statuses that the vocabulary declares for the actions. The draws of a
+`random_selector` depend on its place, which a rewrite may change. Each rule has a
 comment with its justification; the semantics are those of docs/semantics.md. A rewrite must neither
 add nor remove a guard that a composite observes while a later branch runs.
 """

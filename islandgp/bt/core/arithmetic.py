@@ -129,7 +129,7 @@ def bounds(term: Term, ranges: Mapping[str, tuple[float, float]]) -> tuple[float
     first, *others = (bounds(part, ranges) for part in term.parts)
     if not others:
         return -first[1], -first[0]
-    if term.sign == "/" and others[0][0] <= 0 <= others[0][1]:
+    if term.sign == "/" and not (min(others[0]) > 0 or max(others[0]) < 0):
         return -inf, inf
     apply = {"+": add, "-": sub, "*": mul, "/": truediv}[term.sign]
     ends = [apply(x, y) for x in first for y in others[0]]

@@ -95,7 +95,7 @@ def syntax_error(
     rest = source.text[start:]
     found = token or rest[:1]
     message = f"unexpected {shown(found)}"
-    if not found.isascii():  # a sign that looks like another one
+    if len(found) == 1 and not found.isascii():  # a sign that looks like another one
         message += f" (U+{ord(found):04X})"
     if hint := _FULL.get(accepted - {"LPAR"}):
         message += f"; {hint}"
