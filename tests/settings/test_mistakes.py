@@ -214,7 +214,6 @@ ONE_LINE = [
     (["runs=~/x"],
      "runs=~/x: expected KEY=VALUE, found what cannot be read (LexerNoViableAltException: runs"),
     (["world.chargers=[[1,2,3]]"], "world.chargers.0=[1, 2, 3]: tuple should have at most 2 items"),
-    (["+classes.foo=1", "+world.foo=1"], "classes.foo: unknown key; --cfg job prints those there"),
     (["+classes.tiers.courier={atleast:{distance:1}}"],
      "classes.tiers.courier.atleast: unknown key; did you mean classes.tiers.courier.at_least?"),
     (["+classes.tiers.Courier={at_least:{distance:1}}"],
@@ -340,6 +339,13 @@ def test_one_error_one_line(
     """The line names the key and what was found, and what would be right."""
     (message,) = errors(capsys, *arguments)
     assert message.startswith(line)
+
+
+def test_an_unknown_key_is_no_guess_for_another(capsys: pytest.CaptureFixture[str]) -> None:
+    """Each has its line."""
+    lines = errors(capsys, "+classes.foo=1", "+world.foo=1")
+    assert [line.partition(":")[0] for line in lines] == ["classes.foo", "world.foo"]
+    assert not any("did you mean" in line for line in lines)
 
 
 FILES = [
