@@ -2,14 +2,12 @@
 
 import sys
 
-from islandgp.startup import collect_objects_rarely, leave, stop_before_work, without_blas_threads
+from islandgp.startup import leave, prepare
 
 
 def script() -> None:
     """The console script: reads the command's words from sys.argv, and exits."""
-    stop_before_work("SIGTERM", "SIGHUP")
-    without_blas_threads()
-    collect_objects_rarely()
+    prepare()
     from islandgp.cli import main
 
     try:
@@ -19,9 +17,7 @@ def script() -> None:
 
 
 if __name__ == "__main__":
-    stop_before_work("SIGTERM", "SIGHUP")
-    without_blas_threads()
-    collect_objects_rarely()
+    prepare()
     try:
         from islandgp.running.app import main
     except (ImportError, AttributeError):

@@ -20,8 +20,7 @@ from islandgp.resources import resource
 COMMANDS: Final = "islandgp.commands"
 """The group of commands: `NAME = "MODULE:COMMAND"`, a command of Click."""
 
-CONF: Final = "islandgp.conf"
-"""The group of folders of configuration: `NAME = "PACKAGE.FOLDER"`."""
+CONF: Final = "islandgp.conf"  # the group of folders of configuration: `NAME = "PACKAGE.FOLDER"`
 
 
 @cache

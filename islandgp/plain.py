@@ -118,8 +118,7 @@ def to_json(value: Any) -> Any:
     return _adapter(cast("Any", type(value))).dump_python(value, mode="json")
 
 
-NAME: Final = re.compile(r"[\w. :/-]+")
-"""Names that MLflow takes."""
+NAME: Final = re.compile(r"[\w. :/-]+")  # names that MLflow takes
 
 
 def flatten(config: Mapping[str, Any], path: str = "") -> dict[str, Any]:

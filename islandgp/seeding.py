@@ -13,8 +13,7 @@ from typing import TypeAlias
 
 import numpy as np
 
-Rng: TypeAlias = np.random.Generator
-"""A random stream; functions consume it."""
+Rng: TypeAlias = np.random.Generator  # a random stream; functions consume it
 
 
 class Stream(IntEnum):

@@ -52,14 +52,19 @@ def stop_before_work(*names: str) -> None:
             signal.signal(number, stop_at_once)
 
 
-def collect_objects_rarely() -> None:
-    """Collect unused objects after 100,000 new ones, not 700, which takes a tenth of a run."""
-    gc.set_threshold(100_000)
-
-
 def without_blas_threads() -> None:
     """Keep NumPy and SciPy from starting threads, unless the environment sets their number.
 
     Such threads spin on the cores of the workers, and results could depend on the number of cores.
     """
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
+
+def prepare() -> None:
+    """Prepare the process of a command, before its imports.
+
+    Python looks for unused objects after 100,000 new ones: after 700 it takes a tenth of a run.
+    """
+    stop_before_work("SIGTERM", "SIGHUP")
+    without_blas_threads()
+    gc.set_threshold(100_000)

@@ -7,8 +7,7 @@ from typing import Final
 
 from islandgp.errors import IslandError
 
-MAX_BYTES: Final = 2**24
-"""Largest size in bytes; the largest tree as XML or JSON is smaller."""
+MAX_BYTES: Final = 2**24  # largest size in bytes; the largest tree as XML or JSON is smaller
 
 
 def read_text_file(file: Path) -> str:

@@ -14,11 +14,9 @@ from typing import Final
 from islandgp.errors import TimeLimitError
 from islandgp.plugin import place_of_frame
 
-RAISE_PERIOD_S: Final = 0.2
-"""Seconds between two `Overdue` if the code caught the first one."""
+RAISE_PERIOD_S: Final = 0.2  # seconds between two `Overdue` if the code caught the first one
 
-MAX_RAISED: Final = 10
-"""Number of `Overdue` that are raised before the process is ended."""
+MAX_RAISED: Final = 10  # number of `Overdue` that are raised before the process is ended
 
 SLICES: Final = 10
 """Signals until a limit is reached. Those that arrive during a suspension (Ctrl-Z, SIGSTOP) are

@@ -43,10 +43,7 @@ CODES: Final[dict[type[TreeError], str]] = {
 @click.option("--json", "as_json", is_flag=True, help="Print the findings as a JSON list.")
 @with_vocabulary_options
 def check_command(
-    files: tuple[str, ...],
-    strict: bool,
-    as_json: bool,
-    options: DomainOptions,
+    files: tuple[str, ...], strict: bool, as_json: bool, options: DomainOptions
 ) -> None:
     """Report errors and warnings for the trees in FILES.
 

@@ -25,10 +25,7 @@ TIMEOUT: Final = 600.0  # time limit of an episode of `best`, s
 @click.command()
 @click.argument("run", type=click.Path(path_type=Path))
 @click.option(
-    "--worlds",
-    type=click.IntRange(2, 10_000),
-    default=100,
-    help="Number of test worlds.",
+    "--worlds", type=click.IntRange(2, 10_000), default=100, help="Number of test worlds."
 )
 @with_workers_option
 @click.option("-o", "--output", type=OUTPUT, help="Write the winner to this file.")
@@ -38,12 +35,7 @@ TIMEOUT: Final = 600.0  # time limit of an episode of `best`, s
 @click.option("--json", "as_json", is_flag=True, help="Print the rows as JSON.")
 @with_config_dir_option
 def best_command(
-    run: Path,
-    worlds: int,
-    workers: int,
-    output: str | None,
-    front: bool,
-    as_json: bool,
+    run: Path, worlds: int, workers: int, output: str | None, front: bool, as_json: bool
 ) -> None:
     """Test the best robot of the finished run, or of the finished runs of a sweep, in folder RUN.
 

@@ -195,13 +195,7 @@ def explain_command(
 )
 @with_seed_option
 @with_episode_options
-def prune_command(
-    file: str,
-    output: str,
-    episodes: int,
-    seed: int,
-    options: DomainOptions,
-) -> None:
+def prune_command(file: str, output: str, episodes: int, seed: int, options: DomainOptions) -> None:
     """Shorten the tree in FILE as far as its fitness allows.
 
     Nodes, terms and digits go if the tree keeps its fitness within a tolerance (--set

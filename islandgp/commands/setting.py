@@ -52,8 +52,7 @@ def _job(overrides: Sequence[str], config_dir: str | Path | None) -> Planned:
     return only_job([*quick, *overrides], config_dir)
 
 
-_job_of_trees = cache(_job)
-"""The job for trees, composed once for all files of a command."""
+_job_of_trees = cache(_job)  # the job for trees, composed once for all files of a command
 
 
 def settings_of(source: TreeText, options: DomainOptions) -> Settings:

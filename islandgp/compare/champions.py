@@ -37,8 +37,7 @@ if TYPE_CHECKING:
 
 Make = Callable[[Problem], Evaluator]
 
-PERTURBED = "perturbed"
-"""Column of points in perturbed worlds."""
+PERTURBED = "perturbed"  # column of points in perturbed worlds
 
 
 def unseen_worlds(study: Comparison, n: int) -> tuple[int, ...]:

@@ -92,10 +92,7 @@ class Comparison:
 
 
 def compare_arms(
-    arms: Sequence[Arm],
-    *,
-    force: bool = False,
-    notes: Sequence[str] = (),
+    arms: Sequence[Arm], *, force: bool = False, notes: Sequence[str] = ()
 ) -> Comparison:
     """Makes a comparison of arms; generations after the end of the shortest run are left out.
 
@@ -127,9 +124,8 @@ def compare_arms(
         raise StudyError(
             "Expected arms that differ only in what is studied, found:\n  "
             + "\n  ".join(shorten(line, width=400, placeholder=" ...") for line in warnings)
-            + "\nSelect other runs, run all arms with the same curriculum if a search sets it, for"
-            " example curriculum.last_only=true, or use --force: the report then lists these"
-            " differences."
+            + "\nSelect other runs, set these keys alike in all arms (the curriculum of a search by"
+            " curriculum.last_only=true), or use --force, which lists them in the report."
         )
     generations, runs = read_runs(arms)
     lengths = generations.groupby("run")["generation"].count()

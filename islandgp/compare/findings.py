@@ -33,8 +33,7 @@ if TYPE_CHECKING:
 FIRST: Final = "the first two arms"
 REST: Final = "other pairs"
 
-Row = Mapping[str, Any]
-"""A comparison of two arms by a measure: a row of tests.csv."""
+Row = Mapping[str, Any]  # a comparison of two arms by a measure: a row of tests.csv
 
 
 def check_primary(primary: str | None, measures: Sequence[Measure]) -> None:

@@ -24,6 +24,7 @@ from pydantic import ValidationError
 from islandgp.config.sources import ConfigSource
 from islandgp.errors import ConfigError, brief
 from islandgp.records.parameters import key_of, secret_in
+from islandgp.text_files import read_text_file
 
 USER_ERRORS: Final = (
     HydraException,
@@ -77,12 +78,17 @@ def _unreadable(override: str, error: Exception) -> str:
 
 
 def explain(error: Exception, overrides: Sequence[str], source: ConfigSource) -> str:
-    """The message for an error of composing these overrides. Raises a TypeError of the program."""
+    """The message for an error of composing these overrides. Raises a TypeError of the program.
+
+    Raises IslandError for a file that is not UTF-8.
+    """
     text = str(error).partition("\nConfig search path:")[0]
     if isinstance(error, TypeError) and "is not an int" not in text:
         raise error
     if isinstance(error, UnicodeDecodeError):  # it does not say in which file
-        return f"expected UTF-8, found another encoding in {_undecodable(source)}; save it as UTF-8"
+        for folder in source.folders():
+            for file in sorted(folder.rglob("*.yaml")):
+                read_text_file(file)
     if (match := re.search(UNKNOWN_KEY, text)) and not source.options(match[1]):
         loader = source.loader()
         choices = [o for o in overrides if loader.get_group_options(o.partition("=")[0])]
@@ -105,16 +111,6 @@ def _elsewhere(key: str, choices: Sequence[str], source: ConfigSource) -> str:
             if OmegaConf.select(config, key) is not None:
                 return f"{group}={config.hydra.runtime.choices[group]}"
     return ""
-
-
-def _undecodable(source: ConfigSource) -> str:
-    """The first file of configuration that is not in UTF-8."""
-    for file in (file for folder in source.folders() for file in sorted(folder.rglob("*.yaml"))):
-        try:
-            file.read_text(encoding="utf-8")
-        except UnicodeDecodeError:
-            return str(file)
-    return "the configuration"
 
 
 def unknown_option(group: str, option: str, options: Sequence[str]) -> str:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import struct
 import zlib
+from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, field
@@ -246,7 +247,7 @@ def wants_scenes(observer: Observer) -> bool:
     return bool(getattr(observer, "scenes", True))
 
 
-class Domain:
+class Domain(ABC):
     """A robot's world. Domains can be pickled and are sent to each worker once.
 
     A subclass has `World` and `Rewards`, pydantic models of the configuration groups `world` and
@@ -305,7 +306,7 @@ class Domain:
         """
         return self.schema.vocabulary
 
-    def prepare(self) -> None:
+    def prepare(self) -> None:  # noqa: B027 -- most domains need nothing
         """Loads and compiles what episodes need. Called before each, outside its time limit."""
 
     def about(self, seed: int | None = None) -> str:  # noqa: ARG002
@@ -319,6 +320,7 @@ class Domain:
         """
         return ""
 
+    @abstractmethod
     def run_episode(
         self, tree: Node, seed: int, weights: Mapping[str, float], observer: Observer | None = None
     ) -> Outcome:
@@ -332,8 +334,4 @@ class Domain:
 
         Returns:
             The outcome, with the components and counters of the schema.
-
-        Raises:
-            NotImplementedError: in this class.
         """
-        raise NotImplementedError

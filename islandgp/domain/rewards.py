@@ -82,8 +82,7 @@ def unknown(path: str, name: str, known: Mapping[str, object]) -> Iterator[str]:
         yield f"{path}: expected one of {', '.join(known)}, found {name!r}{hint}"
 
 
-Worth = Callable[[str, float], tuple[str, float]]
-"""(event, amount) -> (component, points)."""
+Worth = Callable[[str, float], tuple[str, float]]  # (event, amount) -> (component, points)
 
 
 def worth(table: RewardTable, weights: Mapping[str, float]) -> Worth:

@@ -33,12 +33,7 @@ class Sensors:
         """`rng` is consumed, here and in each tick."""
         self._rng = rng
         self._noisy = [
-            (
-                place,
-                faults.noise * key.noise,
-                *key.bounds,
-                round if key.whole else float,
-            )
+            (place, faults.noise * key.noise, *key.bounds, round if key.whole else float)
             for place, key in enumerate(keys.values())
             if faults.noise * key.noise > 0
         ]

@@ -66,11 +66,7 @@ def _must_be_individual(value: object, name: str, plan: Plan) -> None:
 
 
 def updated_memory(
-    search: Search,
-    state: SearchState,
-    population: Sequence[Evaluated],
-    advice: Advice,
-    plan: Plan,
+    search: Search, state: SearchState, population: Sequence[Evaluated], advice: Advice, plan: Plan
 ) -> Any:
     """The memory that `tell` returns. Raises PartError unless it returns the next state."""
     path = path_of(type(search))

@@ -64,14 +64,12 @@ def of_node(admits: Callable[[Node, TreeSpace], object]) -> Callable[[Mutation],
     return of_tree
 
 
-BODY: Final = {1: 0.5, 2: 0.4, 3: 0.1}
-"""Probability of each number of actions in a random branch."""
+BODY: Final = {1: 0.5, 2: 0.4, 3: 0.1}  # probability of each number of actions in a random branch
 GUARDED: Final = 0.5
 """Probability that a random branch is guarded by the declared conditions of its first action."""
 PREPARED: Final = 0.7
 """Probability that an action of a random branch follows one that it declares as `after`."""
-MAX_ACTIONS: Final = 3
-"""Number of actions in a random branch from which on none is added."""
+MAX_ACTIONS: Final = 3  # number of actions in a random branch from which on none is added
 MAX_TERMS: Final = 3  # of a condition to which none is added
 FINE: Final = 200  # tuned thresholds are multiples of about range / FINE
 TUNE_ALL: Final = 0.3  # probability that `tune` changes all numbers of a tree, not only one

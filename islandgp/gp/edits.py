@@ -63,8 +63,7 @@ def _in_language(tree: object) -> Node:
 Text = Annotated[str, AfterValidator(encodable)]
 CheckedTree = Annotated[Node, PlainValidator(_in_language), PlainSerializer(to_text)]
 
-Path = tuple[int, ...]
-"""A place in a tree: the index of a child on each level, from the root on."""
+Path = tuple[int, ...]  # a place in a tree: the index of a child on each level, from the root on
 
 
 @dataclass(frozen=True, slots=True)

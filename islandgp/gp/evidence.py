@@ -20,8 +20,7 @@ from islandgp.bt.core.node import Node
 from islandgp.gp.population import Evaluated, Tree
 from islandgp.scoring.constraints import running_mean
 
-SHRINKAGE: Final = 0.3
-"""Default of the residual variance over the variance of generations' effects."""
+SHRINKAGE: Final = 0.3  # default of the residual variance over the variance of generations' effects
 ROUNDS: Final = 20  # of alternating estimates
 
 

@@ -181,7 +181,9 @@ def rounded(value: float, parameter: Parameter) -> float:
 def random_args(rng: Rng, kind: str, space: TreeSpace) -> Args:
     """The arguments of an inner node."""
     if KINDS[kind].args is GuardArgs:
-        return _random_guard(rng, space)
+        name = space.keys[rng.integers(len(space.keys))]
+        abort = random_abort(rng, space)
+        return GuardArgs(_about(rng, name, space), abort)
     if KINDS[kind].args is SetArgs:
         return SetArgs(random_assignment(rng, space))
     args: Args = KINDS[kind].args(*(_drawn(rng, each, space) for each in KINDS[kind].arguments))
@@ -207,12 +209,6 @@ def _drawn(rng: Rng, argument: Argument, space: TreeSpace) -> float | str:
     if argument.sort is Sort.SECONDS:
         return float(round(10 ** rng.uniform(0, 2)))  # 1 to 100 s
     return list(argument.words)[rng.integers(len(argument.words))]
-
-
-def _random_guard(rng: Rng, space: TreeSpace) -> GuardArgs:
-    name = space.keys[rng.integers(len(space.keys))]
-    abort = random_abort(rng, space)
-    return GuardArgs(_about(rng, name, space), abort)
 
 
 def random_abort(rng: Rng, space: TreeSpace) -> str:

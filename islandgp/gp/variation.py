@@ -236,12 +236,7 @@ def _must_be_mutant(result: object, _: object, __: object, space: TreeSpace, ___
 
 
 def mutate(
-    rng: Rng,
-    tree: Node,
-    *,
-    rate: float,
-    space: TreeSpace,
-    settings: MutationSettings,
+    rng: Rng, tree: Node, *, rate: float, space: TreeSpace, settings: MutationSettings
 ) -> tuple[Node, str]:
     """A mutation with probability `rate`: (new tree, operator), else (the same tree, "").
 

@@ -163,8 +163,7 @@ class TimedCost(Cost):
 
 
 PAGE: Final = "run.html"
-LONG: Final = "best_long.bt"
-"""The best robot's tree before it was shortened."""
+LONG: Final = "best_long.bt"  # the best robot's tree before it was shortened
 
 
 def pretty(value: dict[str, Any]) -> bytes:

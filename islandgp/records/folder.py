@@ -347,8 +347,7 @@ def locked(path: Path) -> bool:
         return True
 
 
-COPIES: Final = frozenset({"mlartifacts", "mlruns"})
-"""Folders with MLflow's artifacts."""
+COPIES: Final = frozenset({"mlartifacts", "mlruns"})  # folders with MLflow's artifacts
 
 
 def run_folders(root: Path) -> Iterator[RunFolder]:

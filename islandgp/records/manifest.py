@@ -33,8 +33,7 @@ REQUIRED: Final = (
 )
 """Files of every finished run."""
 
-CHANGED, MISSING, ADDED = "changed", "missing", "added"
-"""What may have happened to a file."""
+CHANGED, MISSING, ADDED = "changed", "missing", "added"  # what may have happened to a file
 
 
 def write_manifest(folder: Path, summary: bytes) -> None:

@@ -26,8 +26,7 @@ from islandgp.plain import from_json, read_json
 from islandgp.running.resume import domain_code
 from islandgp.supervision.library import Library
 
-SEARCH: Final = 4
-"""Version of the search, which is part of a stored library's file name."""
+SEARCH: Final = 4  # version of the search, which is part of a stored library's file name
 
 
 def automatic_library(

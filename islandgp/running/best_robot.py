@@ -133,11 +133,7 @@ def best_robot(
 
 
 def _chosen(
-    settings: Settings,
-    target: RunFolder,
-    history: RunRecords,
-    evaluator: Evaluator,
-    episodes: int,
+    settings: Settings, target: RunFolder, history: RunRecords, evaluator: Evaluator, episodes: int
 ) -> tuple[Candidate, Sequence[int]]:
     """The best candidate, and the worlds in which the candidates were compared."""
     contenders = candidates_of(settings, target)

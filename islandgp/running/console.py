@@ -30,8 +30,7 @@ SHORTAGE: Final = frozenset({errno.EAGAIN, errno.EMFILE, errno.ENFILE, errno.ENO
 SHORTAGE_WORDS: Final = ("start new thread", "failed to map segment", "allocate memory")
 """Error numbers and words of messages for a lack of memory, processes or open files."""
 
-RETRY_S: Final = 0.05
-"""Seconds after which a lost signal is raised again."""
+RETRY_S: Final = 0.05  # seconds after which a lost signal is raised again
 
 
 @contextmanager

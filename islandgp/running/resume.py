@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import hashlib
 import json
 import subprocess
 import sys
 from collections.abc import Mapping
 from contextlib import suppress
 from functools import cache
+from hashlib import sha256
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from time import time
@@ -113,7 +113,8 @@ def about_run(
             "seed": str(settings.seed),
             "sweep": settings.name,
             "code": _code_version(),
-            "config": _hash(without_seed),  # the same for all seeds
+            # The same for all seeds.
+            "config": sha256(json.dumps(without_seed, sort_keys=True).encode()).hexdigest()[:12],
         },
         domain_code=domain_code(settings),
         start=start,
@@ -130,11 +131,7 @@ def domain_code(settings: Settings) -> str:
         return ""
     file = Path(str(module.__file__))
     files = sorted(file.parent.glob("*.py")) if module.__package__ else [file]
-    return hashlib.sha256(b"".join(path.read_bytes() for path in files)).hexdigest()[:12]
-
-
-def _hash(config: Mapping[str, Any]) -> str:
-    return hashlib.sha256(json.dumps(config, sort_keys=True).encode()).hexdigest()[:12]
+    return sha256(b"".join(path.read_bytes() for path in files)).hexdigest()[:12]
 
 
 @cache

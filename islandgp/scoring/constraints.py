@@ -43,8 +43,7 @@ class Bound(BaseModel, frozen=True, extra="forbid"):
         return 0.0
 
 
-Constraints: TypeAlias = Mapping[str, Bound]
-"""Limits by counter of the domain; {} for none."""
+Constraints: TypeAlias = Mapping[str, Bound]  # limits by counter of the domain; {} for none
 
 NO_CONSTRAINTS: Final[Constraints] = MappingProxyType({})
 

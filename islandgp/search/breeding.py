@@ -85,11 +85,7 @@ def pick_by_rank(ranked: Sequence[Parent], entrants: int = 2) -> Pick:
 
 
 def new_child(
-    rng: Rng,
-    mother: Parent,
-    fathers: Sequence[Parent],
-    space: TreeSpace,
-    breeding: Breeding,
+    rng: Rng, mother: Parent, fathers: Sequence[Parent], space: TreeSpace, breeding: Breeding
 ) -> Proposal:
     """A child of `mother`, and possibly of one of `fathers`, within the limits.
 

@@ -85,9 +85,7 @@ def eligible(violations: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
 
 
 def selected(
-    rng: Rng,
-    points: np.ndarray[Any, Any],
-    entrants: np.ndarray[Any, Any] | None = None,
+    rng: Rng, points: np.ndarray[Any, Any], entrants: np.ndarray[Any, Any] | None = None
 ) -> int:
     """The selected row: one of the `entrants` that pass all cases in a random order.
 

@@ -208,11 +208,7 @@ def elites(
 
 
 def next_population(
-    plan: Plan,
-    parents: Parents,
-    streams: Streams,
-    generation: int,
-    advice: Advice,
+    plan: Plan, parents: Parents, streams: Streams, generation: int, advice: Advice
 ) -> Iterator[Proposal]:
     """Yields the population of `generation`, before mutation, of the same size as the last one.
 

@@ -130,11 +130,6 @@ def choose_target(state: PopulationState, settings: ExpertSettings, hardest: Seq
     return RARE if state.now.diversity < settings.collapse else INTEGRATION
 
 
-def early_targets(targets: Sequence[str]) -> tuple[str, ...]:
-    """The targets that can be chosen before the first robot of the first milestone."""
-    return tuple(target for target in targets if target not in (RARE, INTEGRATION))
-
-
 class Expert:
     """Advises by the tables, with trees of a library."""
 

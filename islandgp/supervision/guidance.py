@@ -35,8 +35,7 @@ RECORDED: Final = (
 
 GUIDANCE: Final = TypeAdapter(Guidance)
 COSTS: Final = TypeAdapter(dict[str, Annotated[FiniteFloat, Strict()]])
-Nameable = Mapping[str, str]
-"""Texts, by id, of the trees that an edit may refer to."""
+Nameable = Mapping[str, str]  # texts, by id, of the trees that an edit may refer to
 
 
 def ask(

@@ -19,8 +19,7 @@ OF_RATES: Final = (
     *("mutation_rate", "crossover_rate", "rate"),
 )
 """Fields of a search that mutates by a rate; `rate` is one of the history."""
-OF_STAGES: Final = ("epoch", "stage")
-"""Fields of a curriculum of several stages."""
+OF_STAGES: Final = ("epoch", "stage")  # fields of a curriculum of several stages
 OF_HISTORY: Final = ("generation", "fitness_max", "fitness_mean", "diversity", "working", "rate")
 """Fields of a generation of the history, besides the tiers that are milestones."""
 LEFT_OUT: Final = ("now", "history", "rate", "overlapping", "best_rose", "best_rise", "targets")

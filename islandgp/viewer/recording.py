@@ -21,8 +21,7 @@ IDLE, FAILED, SUCCEEDED, RUNS, STOPPED = range(5)
 
 _CODES: Final = {FAILURE: FAILED, SUCCESS: SUCCEEDED, RUNNING: RUNS, AGAIN: RUNS, ABORTED: STOPPED}
 
-MAX_NUMBER: Final = 1e300
-"""Above this, differences of numbers are infinite."""
+MAX_NUMBER: Final = 1e300  # above this, differences of numbers are infinite
 
 
 class Credit(NamedTuple):

@@ -6,13 +6,20 @@ well. Both choose from the same trees: compact ones until the first Complete Rob
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
 
+from islandgp.scoring.classes import INTEGRATION, RARE
 from islandgp.scoring.state import PopulationState
 from islandgp.supervision.base import Guidance
-from islandgp.supervision.expert import Expert, early_targets
+from islandgp.supervision.expert import Expert
+
+
+def early_targets(targets: Sequence[str]) -> tuple[str, ...]:
+    """The targets that can be chosen before the first robot of the first milestone."""
+    return tuple(target for target in targets if target not in (RARE, INTEGRATION))
 
 
 class Untargeted(Expert):

@@ -29,6 +29,9 @@ NO_CODE: Final = {
 }
 
 
+DOCUMENTED: Final = ast.Module | ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+
+
 def code_lines(source: str) -> int:
     """The number of lines of Python source on which there is code."""
     lines = {
@@ -38,8 +41,9 @@ def code_lines(source: str) -> int:
         for line in range(token.start[0], token.end[0] + 1)
     }
     for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):  # a docstring
-            lines -= set(range(node.lineno, (node.end_lineno or node.lineno) + 1))
+        if isinstance(node, DOCUMENTED) and ast.get_docstring(node) is not None:
+            text = node.body[0]
+            lines -= set(range(text.lineno, (text.end_lineno or text.lineno) + 1))
     return len(lines)
 
 

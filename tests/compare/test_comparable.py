@@ -272,7 +272,7 @@ def test_searches_with_other_curricula_need_a_remedy() -> None:
     ]
     with pytest.raises(StudyError) as raised:
         compare_arms(arms)
-    assert "for example curriculum.last_only=true, or use --force" in str(raised.value)
+    assert "curriculum.last_only=true), or use --force" in str(raised.value)
     assert max(map(len, str(raised.value).splitlines())) <= 402
 
 

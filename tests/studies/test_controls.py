@@ -16,9 +16,9 @@ from islandgp.gp.record import record_values
 from islandgp.records.files import dump
 from islandgp.running.app import main
 from islandgp.running.parts import make_supervisor
-from islandgp.supervision.expert import Expert, early_targets
+from islandgp.supervision.expert import Expert
 from studies.controls.fixed import Fixed, FixedSettings
-from studies.controls.untargeted import Untargeted
+from studies.controls.untargeted import Untargeted, early_targets
 from studies.controls.yoked import Yoked, YokedSettings
 from tests.composed import composed
 from tests.evolution.runs import plan, records, run

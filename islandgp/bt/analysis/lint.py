@@ -35,8 +35,7 @@ ADVICE: Final = frozenset(
 """Codes of parts that could be removed."""
 
 
-REFUSED: Final = frozenset({"shared-resource"})
-"""Codes that `check` reports as errors."""
+REFUSED: Final = frozenset({"shared-resource"})  # codes that `check` reports as errors
 
 
 @dataclass(frozen=True, slots=True, order=True)
@@ -50,11 +49,7 @@ class LintWarning:
 
 
 def warnings(
-    text: str,
-    vocabulary: Vocabulary,
-    *,
-    name: str = "<tree>",
-    folder: Path | None = None,
+    text: str, vocabulary: Vocabulary, *, name: str = "<tree>", folder: Path | None = None
 ) -> list[LintWarning]:
     """The warnings about a tree file, in its order, each once.
 

@@ -55,8 +55,7 @@ class Operation(NamedTuple):
     parts: tuple[Term, ...]
 
 
-Term: TypeAlias = "float | str | Operation"
-"""A number, a key, or an operation on terms."""
+Term: TypeAlias = "float | str | Operation"  # a number, a key, or an operation on terms
 
 
 class Formula(str):

@@ -65,8 +65,7 @@ class Compound(NamedTuple):
 
 ConditionExpr: TypeAlias = Condition | Compound
 
-WHOLE: Final = "whole"
-"""Operator of a premise of analyses: the value of the key is a whole number."""
+WHOLE: Final = "whole"  # operator of a premise of analyses: the value of the key is a whole number
 
 _NEGATIONS: Final = (("<", ">="), (">", "<="), ("==", "!="), ("is", "not"))
 OPPOSITE: Final = {one: other for pair in _NEGATIONS for one, other in (pair, pair[::-1])}

@@ -83,26 +83,21 @@ class NodeKind:
     """Of a decorator: the status of its child after which the child starts again in the next tick,
     until the count in its args is reached."""
 
-    may_fail: bool = False
-    """Of a decorator: it can fail while its child has not ended."""
-    delayed: bool = False
-    """Of a decorator: its child starts in a later tick."""
+    may_fail: bool = False  # of a decorator: it can fail while its child has not ended
+    delayed: bool = False  # of a decorator: its child starts in a later tick
     statuses: Callable[[Any], frozenset[int]] | None = None
     """Of a leaf other than an action: the statuses that it can return, from its args."""
     opaque: bool = False
     """Analyses assume that its children start in any of its ticks, and that it ends in any way."""
-    remembers_end: bool = False
-    """Its behaviour depends on its last status."""
+    remembers_end: bool = False  # its behaviour depends on its last status
     stock: Target | None = None
     """The node of the libraries, unless it differs in meaning; None: there is none."""
     ours: Target | None = None
     """Our own node for these libraries, for trees in which theirs differs."""
 
-    instead: str = ""
-    """What is nearest to it in a library without such a node."""
+    instead: str = ""  # what is nearest to it in a library without such a node
 
-    paper: bool = False
-    """One of the paper's node types, section 2.2.3; prompts describe these."""
+    paper: bool = False  # one of the paper's node types, section 2.2.3; prompts describe these
 
     @property
     def remembers_branch(self) -> bool:

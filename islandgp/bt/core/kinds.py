@@ -46,8 +46,7 @@ ALWAYS: Final = {
     "running": "runs until it is stopped",
 }
 """Statuses of an `always`, with their meanings."""
-REPEATS: Final = (1, 100)
-"""`COUNTS` in evolution and prompts."""
+REPEATS: Final = (1, 100)  # `COUNTS` in evolution and prompts
 
 
 def _in_ticks(tag: str) -> Target:
@@ -331,8 +330,7 @@ RESERVED: Final = frozenset((
 ))  # fmt: skip
 """No action or key can have such a name. Other keywords are names where the grammar expects one."""
 
-SHORT: Final = ("for", "switch")
-"""Keywords of what is expanded to several nodes."""
+SHORT: Final = ("for", "switch")  # keywords of what is expanded to several nodes
 
 NODES: Final = (*KINDS, *SHORT, "use", "case", "otherwise")
 """The rules of the grammar that are nodes."""

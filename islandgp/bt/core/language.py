@@ -133,10 +133,7 @@ def _unused(file: Any) -> Iterator[tuple[str, int, int, str]]:
 
 
 def _places(
-    node: Node,
-    file: str,
-    at: tuple[int, int] | None = None,
-    uses: tuple[tuple[int, int], ...] = (),
+    node: Node, file: str, at: tuple[int, int] | None = None, uses: tuple[tuple[int, int], ...] = ()
 ) -> Iterator[SourceSpan]:
     """The places of a node and those below it; `at`: of the use of an included file, if any."""
     marks = marks_of(node)

@@ -58,10 +58,8 @@ class GuardArgs(NamedTuple):
         return self.abort in ("lower", "both")
 
 
-COUNTS: Final = (1, 1_000_000)
-"""Fewest and most repetitions, or children that decide."""
-SECONDS: Final = (0.001, 100_000)
-"""Shortest and longest time, in s."""
+COUNTS: Final = (1, 1_000_000)  # fewest and most repetitions, or children that decide
+SECONDS: Final = (0.001, 100_000)  # shortest and longest time, in s
 
 
 class CountArgs(NamedTuple):
@@ -184,8 +182,7 @@ def switch(tests: Sequence[ConditionExpr], branches: Sequence[Node]) -> Node:
     return selector(*guards)
 
 
-Place: TypeAlias = tuple[str, int, int]
-"""The name of a file, a line and a column, both from 1."""
+Place: TypeAlias = tuple[str, int, int]  # the name of a file, a line and a column, both from 1
 
 
 class Comments(NamedTuple):

@@ -131,9 +131,7 @@ class NodeBuilder:
     def _flag(self, part: Any) -> Condition:
         if hasattr(part, "children"):
             raise self.source.error(
-                part,
-                "a sum must be compared with a number or a sum",
-                "e.g. `when 0.5 * a + b > 1`",
+                part, "a sum must be compared with a number or a sum", "e.g. `when 0.5 * a + b > 1`"
             )
         name = self.word(part, KEY)
         self._key(name)
@@ -197,9 +195,7 @@ class NodeBuilder:
                 return self._term(inside.children[0], level + 1)
             case "brackets", _:
                 raise self.source.error(
-                    tree,
-                    "a condition can't be a part of a sum",
-                    "keys and numbers",
+                    tree, "a condition can't be a part of a sum", "keys and numbers"
                 )
             case _, [left, sign, right]:
                 terms = self._term(left, level), self._term(right, level)
@@ -378,7 +374,6 @@ def _plain_number(word: Word) -> float:
     value = float(word.token) + 0.0  # turns -0.0 into 0.0
     if abs(value) > MAX_NUMBER:
         raise word.error(
-            f"{shown(word.token)} is out of range",
-            f"a number from {-MAX_NUMBER} to {MAX_NUMBER}",
+            f"{shown(word.token)} is out of range", f"a number from {-MAX_NUMBER} to {MAX_NUMBER}"
         )
     return value

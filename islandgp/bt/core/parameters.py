@@ -34,8 +34,7 @@ from islandgp.bt.core.kinds import NAME, RESERVED
 from islandgp.bt.core.node import FAILURE, RUNNING, STATUS_NAMES, SUCCESS, ActionArgs, Node, Value
 from islandgp.errors import DomainError
 
-NO_YES: Final = ("no", "yes")
-"""The words of a flag."""
+NO_YES: Final = ("no", "yes")  # the words of a flag
 
 MAX_MAGNITUDE: Final = 1_000_000  # magnitude of a number
 SMALLEST_STEP: Final = 1e-9  # smallest step of random numbers
@@ -340,15 +339,11 @@ def _from_declaration(declaration: object) -> object:
 
 
 Arguments: TypeAlias = Mapping[
-    Identifier,
-    Annotated[Parameter, BeforeValidator(_from_declaration), AfterValidator(_checked)],
+    Identifier, Annotated[Parameter, BeforeValidator(_from_declaration), AfterValidator(_checked)]
 ]
 
 
-PLAINER: Final = {
-    "field required": "a value",
-    "unexpected keyword argument": "no such field",
-}
+PLAINER: Final = {"field required": "a value", "unexpected keyword argument": "no such field"}
 """What is expected, for messages of pydantic that say what is wrong."""
 
 

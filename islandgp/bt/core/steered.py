@@ -8,8 +8,7 @@ from typing import Final
 from islandgp.bt.core.engine import Compiler, Observed, Tick
 from islandgp.bt.core.node import FAILURE, RUNNING, SUCCESS, Node
 
-END: Final = -1
-"""In place of the index of a child: no other child starts."""
+END: Final = -1  # in place of the index of a child: no other child starts
 
 
 def _steered(

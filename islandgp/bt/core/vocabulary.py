@@ -40,8 +40,7 @@ from islandgp.bt.core.parameters import (
 )
 from islandgp.errors import DomainError
 
-EQUALITY: Final = ("==", "!=")
-"""The operators that compare words."""
+EQUALITY: Final = ("==", "!=")  # the operators that compare words
 
 
 @dataclass(frozen=True, slots=True)
@@ -66,8 +65,7 @@ class Action:
     arguments: Arguments = field(default_factory=dict)
     """By name, in the order in which trees are written."""
     condition: Flag = False  # never RUNNING and without effect; see `condition_leaf`
-    sets: tuple[str, ...] = ()
-    """Keys that its end can write, before the rest of the tree is ticked."""
+    sets: tuple[str, ...] = ()  # keys that its end can write, before the rest of the tree is ticked
     uses: tuple[Name, ...] = ()
     """Resources that it holds until it ends, such as the base of a robot. Two actions that share
     one never run at once; one that ends frees it for the rest of the tick."""
@@ -378,5 +376,4 @@ class Vocabulary:
         return self.actions.get(name, UNKNOWN)
 
 
-EMPTY_VOCABULARY: Final = Vocabulary("nothing", {}, {})
-"""A vocabulary that declares nothing."""
+EMPTY_VOCABULARY: Final = Vocabulary("nothing", {}, {})  # a vocabulary that declares nothing

@@ -194,7 +194,7 @@ class Importer:
             if not identity and len(trees) > 1:
                 raise self.root.error(
                     "expected main_tree_to_execute, as there are several trees:"
-                    f" {_listed(trees)}; add it, or choose one by --tree ID",
+                    f" {_listed(trees)}; add it, or choose one by --tree ID"
                 )
             identity = identity or next(iter(trees))
         return self._subtree(identity, self.root)

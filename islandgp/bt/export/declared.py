@@ -30,8 +30,7 @@ from islandgp.bt.export.xml_reader import Element, read_xml
 from islandgp.errors import DomainError
 from islandgp.plain import read_json
 
-UNNAMED: Final = "model"
-"""Domain of a vocabulary from a TreeNodesModel, which has no domain name."""
+UNNAMED: Final = "model"  # domain of a vocabulary from a TreeNodesModel, which has no domain name
 
 _NUMBER_KEY: Final = Key("", flag=False, low=-float(MAX_NUMBER), high=float(MAX_NUMBER))
 """A key that a tree compares and that a model does not declare."""

@@ -183,14 +183,12 @@ def _assignment(assigned: Condition) -> str:
 def _condition(condition: ConditionExpr) -> str:
     """A guard's name, keys and condition, as arguments of When and EternalGuard."""
     keys = [*dict.fromkeys(key for term in terms(condition) for key in term.keys)]
-    holds = source(condition, _of_key, _of_number)
+    holds = source(
+        condition, _of_key, lambda n: repr(n.name) if isinstance(n, Named) else number_text(n)
+    )
     name = condition_text(condition)
     return f"{name!r}, blackboard_keys={keys!r}, condition=lambda blackboard: {holds}"
 
 
 def _of_key(key: str) -> str:
     return f"blackboard.get({key!r})"
-
-
-def _of_number(number: float) -> str:
-    return repr(number.name) if isinstance(number, Named) else number_text(number)

@@ -19,8 +19,7 @@ from islandgp.bt.core.node import AlwaysArgs, Node, marks_of
 from islandgp.bt.core.vocabulary import Vocabulary
 from islandgp.errors import DomainError
 
-HEADER: Final = "islandgp_nodes.hpp"
-"""The name of the C++ header with our nodes."""
+HEADER: Final = "islandgp_nodes.hpp"  # the name of the C++ header with our nodes
 
 
 class TreeWriter(ABC):

@@ -40,8 +40,7 @@ REWARD_EVENTS: Final = {
 class Observation(BaseModel, frozen=True, extra="forbid"):
     """A number of the observation as a key."""
 
-    at: Annotated[int, Field(ge=0)] | str
-    """Its place in the observation; in a Dict, `key.place`."""
+    at: Annotated[int, Field(ge=0)] | str  # its place in the observation; in a Dict, `key.place`
     meaning: str  # one line, with the unit
     flag: bool = False  # True: a flag, yes for values above one half
     words: tuple[Word, ...] = ()  # of a number that counts from 0: names of its values
@@ -111,8 +110,7 @@ class GymnasiumWorld(BaseModel, frozen=True, extra="forbid"):
     """The action where a tree chooses none: a number, or a list of as many as the environment
     takes; None: the first of each choice, or zeros."""
     signals: dict[Word, Signal] = Field(default_factory=dict)
-    delay: int = Field(default=0, ge=0, le=MAX_DELAY)
-    """Most ticks of delay in perturbed worlds."""
+    delay: int = Field(default=0, ge=0, le=MAX_DELAY)  # most ticks of delay in perturbed worlds
     shrink: int = Field(default=1, ge=1, le=64)  # factor by which frames are reduced in size
     frame_every: int = Field(default=1, ge=1, le=1000)  # ticks between two frames
 

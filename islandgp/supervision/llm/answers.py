@@ -210,8 +210,7 @@ class Accepted:
     change: str = ""  # change made to the answer, or ""
 
 
-Check = Callable[[Reply], Accepted]
-"""Accepts an answer, or raises Rejection."""
+Check = Callable[[Reply], Accepted]  # accepts an answer, or raises Rejection
 
 
 def read_answer(reply: Reply, model: type[A]) -> A:

@@ -53,8 +53,7 @@ OPTIONAL: Final = {
 class Calls:
     """Answers calls by a client, within the caps, or from the transcript."""
 
-    client: Client | None
-    """Makes the attempts. None: the transcript is fixed and has all answers."""
+    client: Client | None  # makes the attempts. None: the transcript is fixed and has all answers.
     transcript: Transcript  # of the run; once it is fixed, nothing is sent any more
     settings: LLMSettings  # of the model: caps, attempts, waiting times and turns with other runs
     seed: int  # of the run, for the jitter of waiting times

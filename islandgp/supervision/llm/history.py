@@ -37,13 +37,10 @@ PARTS: Final = 3  # most components of a class's earnings
 RUN_VALUES: Final = ("earnings", "traces", "decisions", "learned")
 EDIT_VALUES: Final = ("parents", "neighbours", "past_edits")
 """Variables of prompts that differ between generations."""
-OF_STATE: Final = ("urgency", "progress")
-"""Those that need the population's state only."""
+OF_STATE: Final = ("urgency", "progress")  # those that need the population's state only
 
 
-def past_edits(
-    history: Sequence[GenerationView],
-) -> list[tuple[int, EditRecord, EditTrial | None]]:
+def past_edits(history: Sequence[GenerationView]) -> list[tuple[int, EditRecord, EditTrial | None]]:
     """The last edits of a run, the oldest first.
 
     Each has the generation in which it was or would have been evaluated, and its comparison with

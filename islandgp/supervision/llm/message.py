@@ -199,10 +199,7 @@ def _turns(request: Request) -> list[dict[str, str]]:
 def message_body(request: Request) -> dict[str, Any]:
     """The body of a request of the Messages API."""
     answer = {"format": {"type": "json_schema", "schema": request.schema}}
-    optional = {
-        "temperature": request.temperature,
-        "output_config": request.schema and answer,
-    }
+    optional = {"temperature": request.temperature, "output_config": request.schema and answer}
     return {
         "model": request.model,
         "max_tokens": request.max_tokens,

@@ -34,8 +34,7 @@ if TYPE_CHECKING:
 
 PROMPT_SETS: Final = ("paper", "informed")
 """The prompts of the folder `prompts`, without or with what a model can learn of the run."""
-SMALL_SET: Final = "small"
-"""The prompts for small models, whose answers are decoded by a grammar."""
+SMALL_SET: Final = "small"  # the prompts for small models, whose answers are decoded by a grammar
 MAX_TREE: Final = 1500  # most characters of a tree
 MAX_REWARDS: Final = 2000  # most characters of rewards that are not a table of events
 _HEAD: Final = re.compile(r"\A(#[^\n]+\n)+#\n")
