@@ -17,7 +17,7 @@ from islandgp.bt.core.engine import ABORTED
 from islandgp.bt.core.language import parse, to_text
 from islandgp.bt.core.node import SUCCESS, Node, depth, size, walk
 from islandgp.config.settings import Settings
-from islandgp.domain import Domain
+from islandgp.domain import Domain, Outcome
 from islandgp.domains.island.vocabulary import SCHEMA
 from islandgp.evaluation.base import Problem
 from islandgp.evaluation.serial import Serial
@@ -257,6 +257,9 @@ def test_a_domain_without_descriptions_has_run_facts() -> None:
 
     class Plain(Domain):
         schema = replace(SCHEMA, endings={})
+
+        def run_episode(self, *_: Any, **__: Any) -> Outcome:
+            raise AssertionError("no episode is needed for facts")
 
     plain = replace(run_context, schema=Plain.schema, domain_in=lambda _: Plain(None, None))
     assert "Why an episode ended" not in fixed_values(plain, plain.library())["episode"]
